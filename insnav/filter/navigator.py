@@ -40,6 +40,7 @@ QUANTUM = 2.0**-40  # of angles, far below gyro resolution [rad]
 COAST = 1.0  # longest time between filter epochs: the transition is of second order [s]
 BROKEN = 3.0  # a longer time without a rejected fix ends a run of rejections, if fixes come more often [s]
 NOISY, FAR_BEYOND = 3.0, 10.0  # factors on the RMS of the gyros' white noise: smaller rates, or parts, may be noise
+INSTANT = 0.01  # share of a sampling interval whose mean rate is the rate at its end [-]
 FEWEST_REJECTIONS = 5  # before a reset: at low rates a second or two of multipath must not cause a reset
 
 
@@ -76,7 +77,8 @@ class Navigator:
         self.take_fixes(gps)
         self._marks, self.kept = marks, dict[int, FilterState]()
         self._coast = COAST if settings.aiding is None else settings.aided_every
-        self._record = record or Record(self._fix.shape[0])
+        rates_sd = np.sqrt(model.noise[:3] / nominal) if settings.with_poses else None
+        self._record = record or Record(self._fix.shape[0], rates_sd)
         self._estimate = Estimate(start, model, settings, self._record.event, self._coast, alignment)
         self._record.epoch(start.time, self._estimate)
         self._aiding = AidingUpdates(self._estimate, settings, self._record, gps, start.time)
@@ -84,7 +86,8 @@ class Navigator:
         self._z, self._h, self._sd = np.zeros(6), np.zeros((6, n)), np.zeros(6)
         self._r, self._s = np.zeros((6, 6)), np.zeros((6, 6))
         every = settings.output_interval
-        self._grid = np.array([start.time if every > 0 else np.inf, every, start.time])
+        self._grid = np.array([np.inf, every if every > 0.0 or not settings.with_poses else -1.0, 0.0])
+        self._begin_grid(start.time)
         none = np.empty((0, 3))
         self._sensed, self._motion = (none, none, none, none), np.zeros(25)  # see `felt`
         noise = float(model.noise[:3].sum()) / nominal
@@ -139,11 +142,31 @@ class Navigator:
         self.take_fixes(self._gps)
         self._last_good = start.time
         self._rejections.clear()
-        if self._grid[1] > 0.0:
-            self._grid[:] = start.time, self._grid[1], start.time
+        self._begin_grid(start.time)
         estimate.go_on(start, span)
         self._record.epoch(start.time, estimate)
         self._aiding.restart(start.time)
+
+    def _cuts(self, begin: float, end: float) -> FloatArray:
+        """Return the times at which intervals from `begin` to `end` are cut: start, fixes and rows of the solution.
+
+        Before a pose of another point a short piece is cut off: the velocity needs the rate at the epoch, not its mean.
+        """
+        every, settings = self._grid[1], self._settings
+        grid = every * np.arange(np.floor(begin / every), np.ceil(end / every) + 1.0) if every > 0.0 else np.empty(0)
+        fixes, wanted = (
+            some[slice(*np.searchsorted(some, [begin, end + strapdown.TIME_TOLERANCE]))]
+            for some in (self._fix_time[self._next :], settings.epochs)
+        )
+        poses = np.empty(0) if settings.point_b is None else wanted if settings.epochs.size else grid
+        cuts = np.sort(np.concatenate([[self._start], fixes, grid, wanted, poses - INSTANT * self._nominal]))
+        return np.asarray(cuts[np.diff(cuts, prepend=-np.inf) > strapdown.TIME_TOLERANCE])
+
+    def _begin_grid(self, time: float) -> None:
+        """Set the next epochs of the solution: whole multiples of the interval, and those wanted."""
+        begin, every = time - strapdown.TIME_TOLERANCE, self._grid[1]
+        self._grid[0] = every * np.ceil(begin / every) if every > 0.0 else np.inf
+        self._grid[2] = np.searchsorted(self._settings.epochs, begin)
 
     def _close(self) -> None:
         """End with an epoch, so that every row lies between two epochs."""
@@ -237,7 +260,7 @@ class Navigator:
         stop = parts.end.shape[0] if last else stop
         first = int(np.searchsorted(parts.end, max(self._done, self._start + strapdown.TIME_TOLERANCE), side="right"))
         if stop > first:
-            cuts = np.concatenate([[self._start], self._fix_time[self._next :]])
+            cuts = self._cuts(parts.end[first] - parts.dt[first], parts.end[stop - 1])
             pieces = strapdown.split(parts, cuts, first, stop)
             inc = strapdown.increments(parts, pieces)
             last_fix = int(
@@ -274,7 +297,9 @@ class Navigator:
         at = np.searchsorted(inc.time, fixes - strapdown.TIME_TOLERANCE)
         at = at[at < inc.time.shape[0]]
         rows = 3 + int((inc.time[-1] - inc.time[0]) / self._grid[1]) if self._grid[1] > 0.0 else inc.time.shape[0]
-        out = self._record.reserve(rows, self._grid)
+        wanted = self._settings.epochs
+        rows += int(np.searchsorted(wanted, inc.time[-1] + 1.0)) - int(self._grid[2])
+        out = self._record.reserve(rows, self._grid, wanted)
         samples = Samples(inc.time, inc.dt, inc.dtheta, inc.dvel, inc.coning, inc.sculling, gap)
         k = begin
         for i in at:
@@ -348,10 +373,12 @@ class Navigator:
         self._note_fix(time, nis, use)
 
     def _show(self, time: float, out: Outputs) -> None:
-        """Store the state after an epoch in the row of the solution at its time, if any."""
+        """Store the state after an epoch in the rows of the solution at its time, if any."""
         self._record.epoch(time, self._estimate)
-        if out.used[0] and out.time[out.used[0] - 1] >= time - strapdown.TIME_TOLERANCE:
-            out.state[out.used[0] - 1] = self._estimate.x
+        row = int(out.used[0]) - 1
+        while row >= 0 and out.time[row] >= time - strapdown.TIME_TOLERANCE:
+            out.state[row] = self._estimate.x
+            row -= 1
 
     def _note_fix(self, time: float, nis: tuple[float, float], use: list[bool]) -> None:
         self._record.fix(time, self._z, self._sd, nis, use, self._estimate)

@@ -83,12 +83,12 @@ class _Findings(Record):
     def __init__(self) -> None:
         super().__init__(0)
         self.found: list[Finding] = []
-        self._outputs = super().reserve(0, np.full(3, np.inf))
+        self._outputs = super().reserve(0, np.full(3, np.inf), np.empty(0))
 
     def event(self, event: Finding) -> None:
         self.found = [*self.found[1 - ROOM :], event]
 
-    def reserve(self, rows: int, grid: FloatArray) -> Outputs:
+    def reserve(self, rows: int, grid: FloatArray, wanted: FloatArray) -> Outputs:
         self._outputs.used[:] = 0
         return self._outputs
 
@@ -133,7 +133,7 @@ class OnlineFilter:
         for name in inputs:
             one_of("OnlineFilter", name, INPUTS)
         inputs = checked(inputs)
-        given, arm, delay = given_imu(imu), vector(inputs, "lever_arm"), inputs.get("gps_delay")
+        given, arm, delay = given_imu(imu), vector("lever_arm", inputs.get("lever_arm")), inputs.get("gps_delay")
         arm_sd, start, rate = inputs.get("lever_arm_sd"), inputs.get("initial"), inputs.get("rate")
         assert given is not None
         self._start = start if isinstance(start, Start) else None

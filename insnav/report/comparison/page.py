@@ -72,7 +72,7 @@ def page(result: Result[Comparison]) -> Page:
 def _warnings(found: Comparison) -> tuple[Finding, ...]:
     """Return warnings on large errors of each run's last solution, as in a run report."""
     last = {each.run: named for each, named in zip(found.compared, found.named().items(), strict=True)}
-    return tuple(each for name, errors in last.values() for each in overconfident(name, errors, same_data=False))
+    return tuple(each for name, errors in last.values() for each in overconfident(name, errors))
 
 
 def _verdict(found: Comparison, findings: Sequence[Finding]) -> Verdict:

@@ -175,8 +175,9 @@ def _light(found: EvaluatedRun, warnings: int) -> tuple[Light, str]:
     epochs = max((len(each.time) for each in found.errors_on_clock.values()), default=0)
     if 0 < epochs < FEW:
         return "unknown", phrase("run.few_epochs", count=epochs)
-    if found.other_drive or found.reference_is_gps:
-        return "unknown", phrase("run.other_drive" if found.other_drive else "run.same_as_gps")
+    if found.useless_reference:
+        why = "other_drive" if found.other_drive else "same_as_gps" if found.reference_is_gps else "noisy_reference"
+        return "unknown", phrase(f"run.{why}")
     if any(share < HOLDS for share in shares):
         return "bad", phrase("run.overconfident")
     if diverged:
@@ -377,6 +378,7 @@ def write_files(result: Result[EvaluatedRun], folder: RunFolder, table_format: s
     tables += [("errors", found.errors), ("smoothed_errors", found.smoothed_errors)]
     if run.smoothed is not None:
         tables += [("smoothed", run.smoothed.solution), ("smoothed_biases", run.smoothed.sensor_errors)]
+    tables.append(("poses", run.poses))
     for name, table in tables:
         if table is not None:
             solution_tables.write_run_table(place, table, table_format, name)
