@@ -25,7 +25,7 @@ from insnav.plain_text import in_columns
 
 # each is the function of its name in a file of its name, in help order
 COMMANDS = (
-    *("run", "batch", "check", "demo", "align", "compare", "report", "export", "outage", "budget", "require"),
+    *("run", "live", "batch", "check", "demo", "align", "compare", "report", "export", "outage", "budget", "require"),
     *("simulate", "imus", "allan", "tune", "acceptance", "drift", "platform", "verify", "regress"),
 )
 
