@@ -25,7 +25,7 @@ _MEANT = {
     "verticalaccuracydeg": "vertical accuracy (m)",  # phyphox gives degrees instead of metres
     "millis": "time (ms)",
     "micros": "time (us)",
-    "utcnano": "time (ns)",
+    **dict.fromkeys(("utcnano", "logmonotime"), "time (ns)"),
 }
 _NO_UNIT = re.compile("wgs84|txt|x[0-9a-f]{4}")  # in brackets, but no unit, such as a message number
 _NAMED = 3  # quantities besides the time that identify a header line
