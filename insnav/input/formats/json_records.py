@@ -87,7 +87,9 @@ def _records(value: Any, kind: str = "", above: _Record | None = None) -> Iterat
     if not isinstance(value, dict):
         return
     stated = next((text for key in _KINDS if isinstance(text := value.get(key), str) and text), "")
-    lists = {key: each for key, each in value.items() if isinstance(each, list) and any(isinstance(e, dict) for e in each)}
+    lists = {
+        key: each for key, each in value.items() if isinstance(each, list) and any(isinstance(e, dict) for e in each)
+    }
     inner = {key: each for key, each in value.items() if isinstance(each, dict)}
     scalars = {key: each for key, each in value.items() if not isinstance(each, dict | list)}
     times = {**(above or {}), **{key: each for key, each in scalars.items() if _is_time(key)}}

@@ -1,12 +1,13 @@
-"""Text files of KF-GINS and PSINS-like programs: numbers separated by blanks, no header.
+"""Text files of KF-GINS and PSINS: numbers separated by blanks, no header.
 
 GNSS: seconds of the week, latitude, longitude [deg], height [m], standard deviations North, East, Down [m], optionally
 velocity with standard deviations. IMU: seconds of the week, increments of angle [rad] and of velocity [m/s],
-Forward-Right-Down. A file is recognised only if its numbers have no other interpretation.
+Forward-Right-Down. PSINS writes the arrays of its ``.mat`` files, with time in the last column: see `matlab`. A file is
+recognised only if its numbers have no other interpretation.
 
 References
 ----------
-KF-GINS, i2Nav, Wuhan University: README, "dataset"; Niu, X. et al.
+KF-GINS, i2Nav, Wuhan University: README, "dataset"; Niu, X. et al. Yan, G., PSINS toolbox, imuplot.m, gpsplot.m.
 """
 
 from __future__ import annotations
@@ -17,11 +18,13 @@ import numpy as np
 
 from insnav.findings import Code, Finding
 from insnav.input.formats.delimited_text import TextCells
+from insnav.input.formats.matlab import psins_table
 from insnav.input.formats.source import Source, decoded, text_of
 from insnav.input.formats.table import Table
 from insnav.input.formats.text_dialect import Dialect
 from insnav.input.formats.time_scales import WEEK
 from insnav.types import FloatArray
+from insnav.units import DEG
 
 name = "KF-GINS text file"
 
@@ -33,6 +36,8 @@ _SOLUTION = (
     "heading_deg",
 )  # fmt: skip
 _GRAVITY = (9.3, 10.3)  # sum of velocity increments per second [m/s^2]
+_PSINS = {("avp", 10): 6, ("gps", 7): 3, ("gps", 4): 0}  # array and its width -> column of the latitude [rad]
+_TO_DEG = [DEG, DEG, 1.0]
 _ROWS = 20  # rows examined
 
 
@@ -44,6 +49,10 @@ def read(source: Source) -> Mapping[str, Table]:
     text, zeros = text_of(source)
     part, headers = _layout(source.head)
     cells = TextCells(source.name, text, Dialect(" ", ".", headers, None, 0, 1), zeros)
+    if headers[0] == "1":  # unnamed: an array of PSINS
+        numbers = cells.read(range(len(headers)))
+        part, table = psins_table(source, part, np.column_stack([*numbers.columns.values()]), numbers.cut)
+        return {part: table} if table else {}
     notes = (Finding.of(Code.READ_COLUMNS_BY_VALUES, columns=headers, format=name),)
     axes = "FRD" if part == "imu" else ""
     return {part: Table(source.name, source.sha256, headers, cells, notes=notes, axes=axes)}
@@ -59,6 +68,12 @@ def _layout(head: bytes) -> tuple[str, tuple[str, ...]]:
         return "", ()
     if numbers.ndim != 2 or len(numbers) < 2 or not np.isfinite(numbers).all():
         return "", ()
+    found = _time_first(numbers)
+    return found if found[1] else _psins(numbers)
+
+
+def _time_first(numbers: FloatArray) -> tuple[str, tuple[str, ...]]:
+    """Identify a file of KF-GINS; no columns if unknown."""
     width = numbers.shape[1]
     time = numbers[:, 1 if width == 11 else 0]
     step = np.diff(time)
@@ -70,12 +85,28 @@ def _layout(head: bytes) -> tuple[str, tuple[str, ...]]:
     if width == 11 and _is_place(numbers[:, 2:5]) and (numbers[:, 0] == numbers[0, 0]).all():
         whole = 500.0 < numbers[0, 0] < 10_000.0 and float(numbers[0, 0]).is_integer()
         return ("reference", _SOLUTION) if whole and (np.abs(numbers[:, 8:10]) <= 180.0).all() else ("", ())
-    if width == 7 and float(np.median(step)) < 0.5:
-        felt = np.median(np.linalg.norm(numbers[1:, 4:], axis=1) / step)
-        turned = np.median(np.linalg.norm(numbers[1:, 1:4], axis=1) / step)
-        if _GRAVITY[0] < felt < _GRAVITY[1] and turned < 10.0 and np.median(step) < 0.2:
-            return "imu", _IMU
+    return ("imu", _IMU) if width == 7 and _are_increments(numbers[1:, 1:], step) else ("", ())
+
+
+def _psins(numbers: FloatArray) -> tuple[str, tuple[str, ...]]:
+    """Identify an array of PSINS, with numbers as column names; no columns if unknown."""
+    width = numbers.shape[1]
+    step, headers = np.diff(numbers[:, -1]), tuple(str(i + 1) for i in range(width))
+    if not (step > 0.0).all() or numbers[0, -1] < 0.0 or numbers[-1, -1] > WEEK:
+        return "", ()
+    if width == 7 and _are_increments(numbers[1:, :6], step):
+        return "imu", headers
+    for (array, columns), lat in _PSINS.items():
+        place = numbers[:, lat : lat + 3]
+        if width == columns and (np.abs(place[:, :2]) <= [0.5 * np.pi, np.pi]).all() and _is_place(place / _TO_DEG):
+            return array, headers
     return "", ()
+
+
+def _are_increments(values: FloatArray, step: FloatArray) -> bool:
+    """Test for increments of angle and velocity ``(n, 6)`` over times ``(n,)``: they show gravity."""
+    felt, turned = (np.median(np.linalg.norm(part, axis=1) / step) for part in (values[:, 3:], values[:, :3]))
+    return bool(_GRAVITY[0] < felt < _GRAVITY[1] and turned < 10.0 and np.median(step) < 0.2)
 
 
 def _is_place(lla: FloatArray) -> bool:

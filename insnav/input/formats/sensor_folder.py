@@ -103,7 +103,7 @@ def _stem(path: str) -> str:
 
 def _paths(source: Source) -> dict[str, str]:
     """Find the best file of each kind by name."""
-    there = sorted(path for path in source.members if path.lower().endswith((".csv", ".txt")))
+    there = sorted(path for path in source.members if path.lower().endswith((".csv", ".txt", ".mat")))
     found: dict[str, str] = {}
     for kind, patterns in _KINDS.items():
         ranked = [path for pattern in patterns for path in there if re.fullmatch(pattern, _stem(path))]
@@ -118,7 +118,8 @@ def _open(source: Source, path: str, kind: str) -> _File:
     file = source.members[path]()
     table = composed(delimited_text.read(file)[""])
     known = _NATIVE in table.headers  # it defines the units
-    headers = tuple(_named(header, kind, known) for header in table.headers) if kind in _PLAIN else table.headers
+    headers = ("time", *"xyz") if table.headers == ("1", "2", "3", "4") else table.headers  # imu_tk
+    headers = tuple(_named(header, kind, known) for header in headers) if kind in _PLAIN else table.headers
     table = replace(table, headers=headers, format=name)
     found, _ = understand(headers, table.units, IMU_SCHEMA, where=file.name)
     wanted = ("time", *(f"{sensor}_{axis}" for sensor in ("gyro", "accel") for axis in "xyz"))

@@ -79,7 +79,9 @@ def read(source: Source) -> Mapping[str, Table]:
     units = [line.strip().decode("latin-1") for line in sections.get(b"channel units", b"").strip(b"\r\n").split(b"\n")]
     stated = [""] * (len(names) - len(units)) + units[-len(names) :]
     found, _ = understand(names, stated, IMU_SCHEMA)
-    samples = [found[f"{sensor}_{axis}"] for sensor in ("gyro", "accel") for axis in "xyz" if f"{sensor}_{axis}" in found]
+    samples = [
+        found[f"{sensor}_{axis}"] for sensor in ("gyro", "accel") for axis in "xyz" if f"{sensor}_{axis}" in found
+    ]
     if len(samples) == 6:
         headers = ("time_s", *(each.describe() if each.unit else each.header for each in samples))
         values = ArrayCells((second, *(numbers.columns[each.index] for each in samples)), cells.line, numbers.cut)

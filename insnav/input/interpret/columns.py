@@ -28,6 +28,7 @@ _MEANT = {
     **dict.fromkeys(("utcnano", "logmonotime"), "time (ns)"),
 }
 _NO_UNIT = re.compile("wgs84|txt|x[0-9a-f]{4}")  # in brackets, but no unit, such as a message number
+_SERIAL = re.compile(r"^.*\d{4,}[._:/ -]+(?=[A-Za-z])")  # device and serial number before a name, as of SensorConnect
 _NAMED = 3  # quantities besides the time that identify a header line
 _LISTED = 12  # unused columns listed in a finding
 
@@ -88,9 +89,9 @@ def match_header(
             return quantity, unit, rank + 1000 * attempt
         prefix = next((p for p in PREFIXES if word.startswith(p) and len(word) > len(p)), None)
         if prefix is None:
-            return None
+            break
         word = word.removeprefix(prefix)
-    return None
+    return match_header(header[serial.end() :], schema, unit_below) if (serial := _SERIAL.match(header)) else None
 
 
 def is_header(line: str, schema: Sequence[Quantity]) -> bool:
