@@ -1,7 +1,7 @@
 """JSON: a document with arrays of records (bdd100k, Sensor Logger), or one record a line (openpilot, any logger).
 
-Records of one sensor become a table: by the name of their array, of their only structure, or by ``sensor`` and the like.
-The tables together are read as a folder of sensors.
+Records of one sensor become a table, named by their array, by their only structure, or by ``sensor`` and the like. All
+tables together are read as a folder of sensors.
 
 References
 ----------

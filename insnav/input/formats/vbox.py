@@ -1,4 +1,4 @@
-"""Racelogic VBOX files (``.vbo``): sections of text, then rows of numbers; fixes, and samples of an IMU04 or CAN module.
+"""Racelogic VBOX files (``.vbo``): sections of text, then rows of numbers; fixes, and samples of an IMU04 or CAN bus.
 
 Time of day is UTC as ``hhmmss.ss``. Latitudes are minutes, positive north; longitudes minutes, positive west; heights
 are above sea level. The header states the units of both velocities, and ``[channel units]`` those of further channels.
@@ -16,7 +16,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from insnav.exceptions import InputError
-from insnav.findings import Code, Finding
+from insnav.findings import Finding
 from insnav.input.formats.conventions import MSL_PLACE, fix_table, of_course, triad
 from insnav.input.formats.delimited_text import TextCells
 from insnav.input.formats.source import Source, decoded, text_of
