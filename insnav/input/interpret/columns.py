@@ -292,21 +292,30 @@ def require(
         raise InputError("columns.no_header", where=where, gives=gives, count=len(headers), **values)
     used = {f.index for f in found.values()}
     free = [h for i, h in enumerate(headers) if h and i not in used]
+    similar = [h for h in free if not _names_other(h, schema)]
     listed: dict[str, Any] = {"quantities": tuple(q.name for q in missing), **_listed(headers)}
     clock = {"hour", "minute"} <= {compact(each).removesuffix("s") for each in free}
     if clock and "time" in {q.key for q in missing}:
         raise InputError("columns.time_in_parts", where=where, **listed)
     meant = {}
     for quantity in missing:
-        if (header := suggest(quantity, free)) is not None:
-            free.remove(header)
+        if (header := suggest(quantity, similar)) is not None:
+            similar.remove(header)
             meant[quantity.key] = header
     by_name = len(meant) == len(missing) if guess else bool(meant) and not hint  # names are the better evidence
     advice: dict[str, Any] = (
         {"meant": quote_columns(meant)} if by_name else {"hint": hint} if hint else {"guess": guess}
     )
     advice |= {"option": "--columns", "example": "" if any(advice.values()) else missing[0].key}
+    gives = {"columns": meant} if by_name else gives
     raise InputError("columns.missing", where=where, gives=gives, **listed, **advice)
+
+
+def _names_other(header: str, schema: Sequence[Quantity]) -> bool:
+    """Return whether a header is a known name, so that it is no other quantity."""
+    with suppress(InputError):
+        return match_header(header, schema) is not None
+    return True
 
 
 def agrees(columns: Mapping[str, str], found: Mapping[str, Found], schema: Sequence[Quantity]) -> bool:
