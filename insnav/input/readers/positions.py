@@ -19,6 +19,7 @@ from insnav.input.formats.table import Table
 from insnav.input.interpret.clean import GPS_KINDS, REFERENCE_KINDS, Kinds
 from insnav.input.interpret.columns import Found, agrees, quote_columns, require, suggest, understand
 from insnav.input.interpret.derived import derive
+from insnav.input.interpret.geoid import undulation
 from insnav.input.interpret.headerless import position_columns
 from insnav.input.interpret.physics import stated_unit
 from insnav.input.interpret.schema import ALL_UNITS, GPS_SCHEMA, IMU_SCHEMA, REFERENCE_SCHEMA, Quantity, compact
@@ -189,6 +190,10 @@ def read_positions(
     fit = fit_velocities(data["time"], lla, v_n)
     degrees, angles = _angles(lla, fit, found, name)
     lla[:, :2] *= degrees
+    if height_kind == "msl" and not flat and (geoid := undulation(lla[:, 0], lla[:, 1])) is not None:
+        lla[:, 2] += geoid[0]
+        added: dict[str, Any] = {"grid": geoid[1], "height_m": float(np.mean(geoid[0]))}
+        height_kind, height_evidence = "ellipsoidal", Finding.of(Code.READ_HEIGHT_GEOID_ADDED, **added)
     unit, velocity_notes = _velocity_unit(fit, found, name)
     if fit is not None and fit.in_vehicle:
         v_n[:] = np.nan
