@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import zipfile
 from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.integrate import cumulative_simpson
 
 from insnav.exceptions import InputError
 from insnav.findings import Code
-from insnav.input import read_gps, read_imu
+from insnav.input import read_gps, read_imu, read_reference
+from insnav.input.interpret.columns import match_header
+from insnav.input.interpret.schema import GPS_SCHEMA
 from tests.input.files import IMU_HEADER, fixes, noted, rolling
 from tests.refusals import refused
 
@@ -162,3 +166,56 @@ def test_columns_are_not_suggested_against_their_names(tmp_path):
     with refused(InputError, "columns.missing") as caught:
         read_gps(path)
     assert not caught.value.gives
+
+
+@pytest.mark.parametrize("device", ["", "inertial-6254.12345.", "6254.12345_", "3DM-GX5-25 6251_98765:"])
+def test_channels_of_sensorconnect_follow_the_name_of_the_device(tmp_path, device):
+    imu = rolling()
+    names = [f"{device}scaled{sensor}{axis}" for sensor in ("Gyro", "Accel") for axis in "XYZ"]
+    rows = np.column_stack([imu[:, :4], imu[:, 4:] / 9.80665])
+    path = _table(tmp_path / "imu.csv", ",".join(["Time", *names]), rows, "%.6f " + "%.9f " * 6)
+    reading = read_imu(path)
+    np.testing.assert_allclose(reading.data.gyro, imu[:, 1:4], atol=1e-8)
+    np.testing.assert_allclose(reading.data.accel, imu[:, 4:], atol=1e-7)
+
+
+def test_a_year_in_a_name_is_no_device():
+    """ "since 1970" is no serial number, of which the rest would be a name."""
+    assert match_header("height above 1985 z (ms)", GPS_SCHEMA) is None
+    assert match_header("sats 2024(s)", GPS_SCHEMA) is None
+
+
+@pytest.mark.parametrize("kind", ["xlsx", "ods", "xls"])
+def test_a_spreadsheet_is_named_and_its_export_advised(tmp_path, kind):
+    path = tmp_path / f"drive.{kind}"
+    member = {"xlsx": "xl/workbook.xml", "ods": "content.xml"}.get(kind)
+    with zipfile.ZipFile(path, "w") as archive:
+        for name in ("[Content_Types].xml", member or "x", "docProps/app.xml"):
+            archive.writestr(name, "<xml/>")
+    if member is None:
+        path.write_bytes(bytes.fromhex("d0cf11e0a1b11ae1") + bytes(5000))
+    with refused(InputError, "format.spreadsheet") as caught:
+        read_imu(path)
+    assert "CSV" in caught.value.fix
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+@pytest.mark.parametrize("velocities", [True, False])
+@pytest.mark.parametrize(("unit", "bends"), [("rad", 0.3), ("rad", 2.0), ("deg", 0.07), ("deg", 2.0)])
+def test_the_course_tells_the_unit_of_attitude_without_one(tmp_path, unit, bends, velocities, sign):
+    """On small bends, headings in degrees are below two pi, too."""
+    time = np.arange(0.0, 60.0, 0.5)
+    course = 0.02 + bends * np.sin(0.2 * time)
+    v = 10.0 * np.column_stack([np.cos(course), np.sin(course)])
+    ned = cumulative_simpson(v, x=time, axis=0, initial=0.0)
+    place = [48.0 + ned[:, 0] / 111.2e3, 11.0 + ned[:, 1] / (111.2e3 * np.cos(np.radians(48.0)))]
+    angles = np.column_stack([np.full(len(time), 0.02), np.full(len(time), -0.01), sign * course])
+    header = "time_s,lat_deg,lon_deg,height_m" + ",vn_m_s,ve_m_s,vd_m_s" * velocities + ",roll,pitch,yaw"
+    moving = [*v.T, np.zeros(len(time))] if velocities else []
+    shown = angles if unit == "rad" else np.degrees(angles)
+    rows = np.column_stack([time, *place, np.full(len(time), 500.0), *moving, shown])
+    reading = read_reference(_table(tmp_path / "ref.csv", header, rows, "%.9f " * rows.shape[1]))
+    np.testing.assert_allclose(np.sin(reading.data.rph - angles), 0.0, atol=1e-6)
+    code = Code.READ_ANGLES_ATTITUDE_BY_COURSE if unit == "rad" else Code.READ_ANGLES_ATTITUDE_ASSUMED
+    (told,) = noted(reading, code)
+    assert (told["columns"], told["unit"]) == (("roll", "pitch", "yaw"), unit)

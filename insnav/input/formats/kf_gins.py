@@ -38,6 +38,7 @@ _SOLUTION = (
 _GRAVITY = (9.3, 10.3)  # sum of velocity increments per second [m/s^2]
 _PSINS = {("avp", 10): 6, ("gps", 7): 3, ("gps", 4): 0}  # array and its width -> column of the latitude [rad]
 _TO_DEG = [DEG, DEG, 1.0]
+_FASTEST_FIXES = 0.04  # the shortest interval of receivers is 0.05 s; samples without a unit are faster [s]
 _ROWS = 20  # rows examined
 
 
@@ -97,8 +98,13 @@ def _psins(numbers: FloatArray) -> tuple[str, tuple[str, ...]]:
     if width == 7 and _are_increments(numbers[1:, :6], step):
         return "imu", headers
     for (array, columns), lat in _PSINS.items():
-        place = numbers[:, lat : lat + 3]
-        if width == columns and (np.abs(place[:, :2]) <= [0.5 * np.pi, np.pi]).all() and _is_place(place / _TO_DEG):
+        place, rare = numbers[:, lat : lat + 3], array == "avp" or np.median(step) > _FASTEST_FIXES
+        if (
+            width == columns
+            and rare
+            and (np.abs(place[:, :2]) <= [0.5 * np.pi, np.pi]).all()
+            and _is_place(place / _TO_DEG)
+        ):
             return array, headers
     return "", ()
 
