@@ -6,6 +6,7 @@ import zipfile
 from pathlib import Path
 
 import numpy as np
+import pymap3d
 import pytest
 from scipy.integrate import cumulative_simpson
 
@@ -177,6 +178,57 @@ def test_channels_of_sensorconnect_follow_the_name_of_the_device(tmp_path, devic
     reading = read_imu(path)
     np.testing.assert_allclose(reading.data.gyro, imu[:, 1:4], atol=1e-8)
     np.testing.assert_allclose(reading.data.accel, imu[:, 4:], atol=1e-7)
+
+
+def test_datcon_names_the_device_before_a_colon(tmp_path):
+    """DJI DatCon: the second IMU is not read, and heights are above sea level."""
+    imu = rolling()
+    names = [f"IMU_ATTI(0):{sensor}{axis}" for sensor in ("gyro", "accel") for axis in "XYZ"]
+    header = ",".join(["Clock:offsetTime", *names, "GPS(0):Lat", "GPS(0):Long", "GPS(0):heightMSL"])
+    place = fixes(30)[np.repeat(np.arange(30), 100), 1:4]
+    rows = np.column_stack([imu[:, 0], np.degrees(imu[:, 1:4]), imu[:, 4:] / 9.80665, place])
+    path = _table(tmp_path / "flight.csv", header, rows, "%.6f " + "%.9f " * 9)
+    np.testing.assert_allclose(read_imu(path).data.gyro, imu[:, 1:4], atol=1e-8)
+    assert read_gps(path).facts.height == "msl"
+
+
+def test_empty_columns_of_a_date_do_not_hide_the_counter(tmp_path):
+    """Text of Xsens MT Manager: the date is written twice, and empty without a receiver."""
+    imu, dates = rolling(), "Year,Month,Day,Second,UTC_Nano,UTC_Year,UTC_Month,UTC_Day,UTC_Hour,UTC_Minute,UTC_Second"
+    rows = [[f"{round(row[0] * 1e4)}", *[""] * 11, *(f"{x:.9f}" for x in row[1:])] for row in imu]
+    lines = [
+        "// Start Time: Unknown",
+        "// Sample rate: 100.0Hz",
+        f"SampleTimeFine,{dates},Gyr_X,Gyr_Y,Gyr_Z,Acc_X,Acc_Y,Acc_Z",
+    ]
+    path = tmp_path / "mt.txt"
+    path.write_text("\n".join([line.replace(",", "\t") for line in lines] + ["\t".join(row) for row in rows]) + "\n")
+    np.testing.assert_allclose(read_imu(path).data.time, imu[:, 0], atol=1e-6)
+
+
+def test_tables_of_the_smartphone_decimeter_challenge(tmp_path):
+    """Kaggle: messages of three sensors by turns, and one row a satellite with the least-squares position."""
+    imu, place = rolling(), fixes(30)
+    lines = ["MessageType,utcTimeMillis,elapsedRealtimeNanos,MeasurementX,MeasurementY,MeasurementZ,BiasX,BiasY,BiasZ"]
+    for row in imu:
+        for kind, x, y, z in (("UncalAccel", *row[4:]), ("UncalGyro", *row[1:4]), ("UncalMag", 1.0, 2.0, 3.0)):
+            lines.append(f"{kind},{round(row[0] * 1e3)},1,{y:.9f},{x:.9f},{-z:.9f},0,0,0")
+    path = tmp_path / "device_imu.csv"
+    path.write_text("\n".join([*lines, ""]))
+    reading = read_imu(path)
+    np.testing.assert_allclose(reading.data.gyro, imu[:, 1:4], atol=1e-6)
+    np.testing.assert_allclose(reading.data.accel, imu[:, 4:], atol=1e-6)
+    lines = [
+        "MessageType,utcTimeMillis,Svid,SvPositionXEcefMeters,WlsPositionXEcefMeters,WlsPositionYEcefMeters,WlsPositionZEcefMeters"
+    ]
+    for row in place:
+        x, y, z = pymap3d.geodetic2ecef(*row[1:4])
+        lines += [f"Raw,{round(row[0] * 1e3)},{number},2.1e7,{x:.4f},{y:.4f},{z:.4f}" for number in (3, 5, 9)]
+    path = tmp_path / "device_gnss.csv"
+    path.write_text("\n".join([*lines, ""]))
+    reading = read_gps(path)
+    np.testing.assert_allclose(reading.data.time, place[:, 0])
+    np.testing.assert_allclose(np.degrees(reading.data.lla[:, 0]), place[:, 1], atol=1e-7)
 
 
 def test_a_year_in_a_name_is_no_device():

@@ -28,7 +28,8 @@ _MEANT = {
     **dict.fromkeys(("utcnano", "logmonotime"), "time (ns)"),
 }
 _NO_UNIT = re.compile("wgs84|txt|x[0-9a-f]{4}")  # in brackets, but no unit, such as a message number
-_SERIAL = re.compile(r"^.*\d{4,}[._:/ -]+(?=[A-Za-z])")  # device and serial number before a name, as of SensorConnect
+# device before a name, with its serial number or a colon, as of SensorConnect and DatCon
+_DEVICE = re.compile(r"^.*(?:\d{4,}[._:/ -]+|:)(?=[A-Za-z])")
 _NAMED = 3  # quantities besides the time that identify a header line
 _LISTED = 12  # unused columns listed in a finding
 
@@ -91,7 +92,7 @@ def match_header(
         if prefix is None:
             break
         word = word.removeprefix(prefix)
-    return match_header(header[serial.end() :], schema, unit_below) if (serial := _SERIAL.match(header)) else None
+    return match_header(header[device.end() :], schema, unit_below) if (device := _DEVICE.match(header)) else None
 
 
 def is_header(line: str, schema: Sequence[Quantity]) -> bool:
