@@ -168,7 +168,7 @@ def test_real_navego():
     assert np.isfinite(reference.rph).all()
 
 
-@pytest.mark.parametrize("array", ["imu", "gps", "gps4", "avp"])
+@pytest.mark.parametrize("array", ["imu", "gps", "gps4"])
 def test_psins_arrays_as_text_are_read_as_from_the_mat_file(tmp_path, array):
     rows = psins()[array.rstrip("4")]
     path = tmp_path / "array.txt"
@@ -181,10 +181,8 @@ def test_psins_arrays_as_text_are_read_as_from_the_mat_file(tmp_path, array):
         assert np.allclose(data.gyro, SAMPLES.gyro * 0.01)
         assert np.allclose(data.accel, SAMPLES.accel * 0.01)
         return
-    data = (read_reference if array == "avp" else read_gps)(path).data
+    data = read_gps(path).data
     assert np.allclose(data.time, TOW + FIXES.t)
     assert same_places(data)
     if array == "gps":
         assert np.allclose(data.v_n, FIXES.v_n)
-    if array == "avp":
-        assert np.allclose(np.degrees(data.rph[:, 2]), FIXES.heading)

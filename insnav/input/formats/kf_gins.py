@@ -2,8 +2,8 @@
 
 GNSS: seconds of the week, latitude, longitude [deg], height [m], standard deviations North, East, Down [m], optionally
 velocity with standard deviations. IMU: seconds of the week, increments of angle [rad] and of velocity [m/s],
-Forward-Right-Down. PSINS writes the arrays of its ``.mat`` files, with time in the last column: see `matlab`. A file is
-recognised only if its numbers have no other interpretation.
+Forward-Right-Down. PSINS: time last, increments Right-Forward-Up, positions in radians, velocities East, North, Up. A
+file is recognised only if its numbers have no other interpretation.
 
 References
 ----------
@@ -18,7 +18,6 @@ import numpy as np
 
 from insnav.findings import Code, Finding
 from insnav.input.formats.delimited_text import TextCells
-from insnav.input.formats.matlab import psins_table
 from insnav.input.formats.source import Source, decoded, text_of
 from insnav.input.formats.table import Table
 from insnav.input.formats.text_dialect import Dialect
@@ -28,17 +27,17 @@ from insnav.units import DEG
 
 name = "KF-GINS text file"
 
-_POSITION = ("time_s", "lat_deg", "lon_deg", "height_m", "sd_n_m", "sd_e_m", "sd_d_m")
 _VELOCITY = ("vn_m_s", "ve_m_s", "vd_m_s", "sd_vn_m_s", "sd_ve_m_s", "sd_vd_m_s")
-_IMU = ("time_s", "dtheta_x_rad", "dtheta_y_rad", "dtheta_z_rad", "dvel_x_m_s", "dvel_y_m_s", "dvel_z_m_s")
-_SOLUTION = (
-    "week", "time_s", "lat_deg", "lon_deg", "height_m", "vn_m_s", "ve_m_s", "vd_m_s", "roll_deg", "pitch_deg",
-    "heading_deg",
-)  # fmt: skip
+_POSITION = ("time_s", "lat_deg", "lon_deg", "height_m", "sd_n_m", "sd_e_m", "sd_d_m")
+_IMU = ("dtheta_x_rad", "dtheta_y_rad", "dtheta_z_rad", "dvel_x_m_s", "dvel_y_m_s", "dvel_z_m_s")
+_SOLUTION = ("week", *_POSITION[:4], *_VELOCITY[:3], "roll_deg", "pitch_deg", "heading_deg")
+_PSINS = ("lat_rad", "lon_rad", "height_m", "time_s")
+_LAYOUTS = (
+    *(("gps", (*_POSITION, *_VELOCITY)), ("gps", _POSITION), ("reference", _SOLUTION), ("imu", ("time_s", *_IMU))),
+    *(("imu", (*_IMU, "time_s")), ("gps", ("ve_m_s", "vn_m_s", "vu_m_s", *_PSINS)), ("gps", _PSINS)),
+)
 _GRAVITY = (9.3, 10.3)  # sum of velocity increments per second [m/s^2]
-_PSINS = {("avp", 10): 6, ("gps", 7): 3, ("gps", 4): 0}  # array and its width -> column of the latitude [rad]
-_TO_DEG = [DEG, DEG, 1.0]
-_FASTEST_FIXES = 0.04  # the shortest interval of receivers is 0.05 s; samples without a unit are faster [s]
+_FASTEST_FIXES = 0.04  # receivers have 0.05 s or more; samples in another unit are faster [s]
 _ROWS = 20  # rows examined
 
 
@@ -50,12 +49,8 @@ def read(source: Source) -> Mapping[str, Table]:
     text, zeros = text_of(source)
     part, headers = _layout(source.head)
     cells = TextCells(source.name, text, Dialect(" ", ".", headers, None, 0, 1), zeros)
-    if headers[0] == "1":  # unnamed: an array of PSINS
-        numbers = cells.read(range(len(headers)))
-        part, table = psins_table(source, part, np.column_stack([*numbers.columns.values()]), numbers.cut)
-        return {part: table} if table else {}
     notes = (Finding.of(Code.READ_COLUMNS_BY_VALUES, columns=headers, format=name),)
-    axes = "FRD" if part == "imu" else ""
+    axes = "" if part != "imu" else "FRD" if headers[0] == "time_s" else "RFU"
     return {part: Table(source.name, source.sha256, headers, cells, notes=notes, axes=axes)}
 
 
@@ -69,50 +64,31 @@ def _layout(head: bytes) -> tuple[str, tuple[str, ...]]:
         return "", ()
     if numbers.ndim != 2 or len(numbers) < 2 or not np.isfinite(numbers).all():
         return "", ()
-    found = _time_first(numbers)
-    return found if found[1] else _psins(numbers)
+    fitting = (layout for layout in _LAYOUTS if len(layout[1]) == numbers.shape[1] and _fits(numbers, layout[1]))
+    return next(fitting, ("", ()))
 
 
-def _time_first(numbers: FloatArray) -> tuple[str, tuple[str, ...]]:
-    """Identify a file of KF-GINS; no columns if unknown."""
-    width = numbers.shape[1]
-    time = numbers[:, 1 if width == 11 else 0]
-    step = np.diff(time)
-    if not (step > 0.0).all() or time[0] < 0.0 or time[-1] > WEEK:
-        return "", ()
-    sd = numbers[:, [4, 5, 6, *range(10, width)]] if width in (7, 13) else np.zeros(1)
-    if ((sd > 0.0) & (sd < 1e3)).all() and _is_place(numbers[:, 1:4]):
-        return "gps", (*_POSITION, *_VELOCITY)[:width]
-    if width == 11 and _is_place(numbers[:, 2:5]) and (numbers[:, 0] == numbers[0, 0]).all():
-        whole = 500.0 < numbers[0, 0] < 10_000.0 and float(numbers[0, 0]).is_integer()
-        return ("reference", _SOLUTION) if whole and (np.abs(numbers[:, 8:10]) <= 180.0).all() else ("", ())
-    return ("imu", _IMU) if width == 7 and _are_increments(numbers[1:, 1:], step) else ("", ())
-
-
-def _psins(numbers: FloatArray) -> tuple[str, tuple[str, ...]]:
-    """Identify an array of PSINS, with numbers as column names; no columns if unknown."""
-    width = numbers.shape[1]
-    step, headers = np.diff(numbers[:, -1]), tuple(str(i + 1) for i in range(width))
-    if not (step > 0.0).all() or numbers[0, -1] < 0.0 or numbers[-1, -1] > WEEK:
-        return "", ()
-    if width == 7 and _are_increments(numbers[1:, :6], step):
-        return "imu", headers
-    for (array, columns), lat in _PSINS.items():
-        place, rare = numbers[:, lat : lat + 3], array == "avp" or np.median(step) > _FASTEST_FIXES
-        if (
-            width == columns
-            and rare
-            and (np.abs(place[:, :2]) <= [0.5 * np.pi, np.pi]).all()
-            and _is_place(place / _TO_DEG)
-        ):
-            return array, headers
-    return "", ()
-
-
-def _are_increments(values: FloatArray, step: FloatArray) -> bool:
-    """Test for increments of angle and velocity ``(n, 6)`` over times ``(n,)``: they show gravity."""
-    felt, turned = (np.median(np.linalg.norm(part, axis=1) / step) for part in (values[:, 3:], values[:, :3]))
-    return bool(_GRAVITY[0] < felt < _GRAVITY[1] and turned < 10.0 and np.median(step) < 0.2)
+def _fits(numbers: FloatArray, headers: tuple[str, ...]) -> bool:
+    """Test whether rows ``(n, columns)`` have the times, increments, positions and deviations of a layout."""
+    at = {header: numbers[:, i] for i, header in enumerate(headers)}
+    time, step = at["time_s"], np.diff(at["time_s"])
+    sd = np.array([at[header] for header in headers if header.startswith("sd_")])
+    if not ((step > 0.0).all() and time[0] >= 0.0 and time[-1] <= WEEK and ((sd > 0.0) & (sd < 1e3)).all()):
+        return False
+    if headers[-1] == "time_s" and "lat_rad" in at and not np.median(step) > _FASTEST_FIXES:
+        return False
+    if "week" in at:
+        week = at["week"][0]
+        if not (500.0 < week < 10_000.0 and week.is_integer() and (at["week"] == week).all()):
+            return False
+        if not (np.abs(numbers[:, 8:10]) <= 180.0).all():
+            return False
+    if "dtheta_x_rad" in at:
+        turned, felt = (np.array([at[header][1:] for header in part]) / step for part in (_IMU[:3], _IMU[3:]))
+        gravity, rate = (float(np.median(np.linalg.norm(each, axis=0))) for each in (felt, turned))
+        return bool(_GRAVITY[0] < gravity < _GRAVITY[1] and rate < 10.0 and np.median(step) < 0.2)
+    angles = [at[header] / (1.0 if "deg" in header else DEG) for header in headers if header[:3] in ("lat", "lon")]
+    return _is_place(np.column_stack([*angles, at["height_m"]]))
 
 
 def _is_place(lla: FloatArray) -> bool:

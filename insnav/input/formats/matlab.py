@@ -160,7 +160,7 @@ def _table(source: Source, key: str, value: Any) -> tuple[str, Table | None]:
         numbers = {each: np.asarray(v, dtype=np.float64) for each, v in value.items() if _is_numbers(v)}
         return _navego(source, key, numbers) if "t" in numbers else ("", None)
     if _is_numbers(value) and np.ndim(value) == 2:
-        return psins_table(source, key, np.asarray(value, dtype=np.float64))
+        return _psins(source, key, np.asarray(value, dtype=np.float64))
     return "", None
 
 
@@ -191,26 +191,23 @@ def _navego(source: Source, key: str, data: Mapping[str, FloatArray]) -> tuple[s
     return "gps", column_table(source, columns, note)
 
 
-def psins_table(source: Source, key: str, rows: FloatArray, cut: Finding | None = None) -> tuple[str, Table | None]:
-    """Read an array of PSINS by name, with time in the last column; return its part and table, None if unknown.
-
-    `rows` (n, columns). `cut`: reason for dropping a last row.
-    """
+def _psins(source: Source, key: str, rows: FloatArray) -> tuple[str, Table | None]:
+    """Read arrays by name, with time in the last column."""
     width, time = rows.shape[1], rows[:, -1]
     note = [Finding.of(Code.READ_CONVENTION, subject=plain_text(key), convention="PSINS", unit="rad", axes="RFU")]
     if re.match(r"imu", key, re.I) and width == 7:
         columns = {"time_s": time, **triad(DTHETA, rows[:, :3]), **triad(DVEL, rows[:, 3:6])}
-        return "imu", column_table(source, columns, note, cut=cut, axes="RFU")
+        return "imu", column_table(source, columns, note, axes="RFU")
     if re.match(r"gps|gnss", key, re.I) and width in (4, 7):
         place = rows[:, width - 4 : width - 1] / [DEG, DEG, 1.0]
         columns = {"time_s": time, **triad(PLACE, place)}
         if width == 7:
             columns |= triad(VELOCITY, rows[:, [1, 0, 2]] * [1.0, 1.0, -1.0])
-        return "gps", column_table(source, columns, note, cut=cut)
+        return "gps", column_table(source, columns, note)
     if re.match(r"avp", key, re.I) and width == 10:
         columns = {"time_s": time, **triad(PLACE, rows[:, 6:9] / [DEG, DEG, 1.0])}
         columns |= triad(VELOCITY, rows[:, [4, 3, 5]] * [1.0, 1.0, -1.0])
         pitch, roll, yaw = rows[:, :3].T / DEG  # yaw there is positive from North to West
         columns |= triad(ATTITUDE, np.column_stack([roll, pitch, -yaw % 360.0]))
-        return "reference", column_table(source, columns, note, cut=cut)
+        return "reference", column_table(source, columns, note)
     return "", None

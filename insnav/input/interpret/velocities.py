@@ -105,7 +105,7 @@ def turns_in_radians(time: FloatArray, lla: FloatArray, v_n: FloatArray, angles:
     course, read = np.arctan2(v[fast, 1], v[fast, 0]), angles[rows[fast], -1]
 
     def scatter(heading: FloatArray) -> float:
-        return min(1.0 - abs(np.mean(np.exp(1j * (course - sign * heading)))) for sign in (1.0, -1.0))
+        return 1.0 - max(float(np.abs(np.mean(np.exp(1j * (course - sign * heading))))) for sign in (1.0, -1.0))
 
     return scatter(read / DEG) < _BETTER**2 * scatter(read)
 
