@@ -20,8 +20,8 @@ from insnav.input.formats.conventions import ACCEL, GYRO
 from insnav.input.formats.registry import choose_table, open_table
 from insnav.input.formats.table import ArrayCells, Table
 from insnav.input.interpret.clean import GPS_KINDS, IMU_KINDS, REFERENCE_KINDS, find_gaps
-from insnav.input.interpret.columns import match_header, understand
-from insnav.input.interpret.schema import GPS_SCHEMA, IMU_SCHEMA, Quantity
+from insnav.input.interpret.columns import key_of, understand
+from insnav.input.interpret.schema import GPS_SCHEMA, IMU_SCHEMA
 from insnav.input.readers.imu import Bench
 from insnav.input.readers.kinds import open_parts
 from insnav.input.readers.sensor_log import read_sensor_log
@@ -230,20 +230,13 @@ def samples_source(imu: Given | Table, rate: float | None) -> str | Path | Table
 
 def _timed(table: Table, rate: float) -> Table:
     """Add times to samples, at a rate [Hz]."""
-    if any(match is not None and match[0].key == "time" for match in map(_meaning, table.headers)):
+    if any(key_of(header, IMU_SCHEMA) == "time" for header in table.headers):
         return table
     numbers = table.cells.read(range(len(table.headers)))
     time = np.arange(1, numbers.n_rows + 1) / rate
     cells = ArrayCells((time, *(numbers.columns[i] for i in range(len(table.headers)))), table.cells.line)
     units = None if table.units is None else ("", *table.units)
     return replace(table, headers=("time_s", *table.headers), cells=cells, units=units)
-
-
-def _meaning(header: str) -> tuple[Quantity, str | None, int] | None:
-    try:
-        return match_header(header, IMU_SCHEMA)
-    except InputError:  # an invalid unit is reported when the table is read
-        return None
 
 
 def _table(given: Given | Table) -> str | Path | Table:

@@ -246,8 +246,9 @@ def test_a_spreadsheet_is_named_and_its_export_advised(tmp_path, kind):
             archive.writestr(name, "<xml/>")
     if member is None:
         path.write_bytes(bytes.fromhex("d0cf11e0a1b11ae1") + bytes(5000))
-    with refused(InputError, "format.spreadsheet") as caught:
+    with refused(InputError, "format.other_data") as caught:
         read_imu(path)
+    assert caught.value.values["kind"] == "a spreadsheet"
     assert "CSV" in caught.value.fix
 
 

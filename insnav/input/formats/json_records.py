@@ -14,6 +14,7 @@ import functools
 import json
 import re
 from collections.abc import Iterator, Mapping
+from contextlib import suppress
 from dataclasses import replace
 from typing import Any
 
@@ -23,7 +24,7 @@ from insnav.input.formats import delimited_text
 from insnav.input.formats.source import Source, decoded
 from insnav.input.formats.table import Table
 from insnav.input.formats.unpack import refuse_bomb
-from insnav.input.interpret.columns import match_header
+from insnav.input.interpret.columns import key_of
 from insnav.input.interpret.schema import IMU_SCHEMA
 from insnav.plain_text import plain_text
 
@@ -33,8 +34,9 @@ suffixes = (".json", ".jsonl")
 _START = re.compile(rb'\s*(\[\s*)?\{\s*"')
 _KINDS = ("sensor", "topic", "type", "name", "kind")  # text that names the sensor of a record
 _MEMORY = 10  # bytes in memory per byte of the file: a number of 8 characters takes 24 bytes, its name a reference
-_LISTED = 9  # longest list of numbers, such as a covariance matrix
+_LISTED, _DEEPEST = 9, 8  # longest list of numbers, such as a covariance matrix, and levels of structures
 _Record = dict[str, Any]
+_key_of = functools.cache(functools.partial(key_of, schema=IMU_SCHEMA))
 
 
 def recognise(source: Source) -> bool:
@@ -46,8 +48,8 @@ def read(source: Source) -> Mapping[str, Table]:
 
     refuse_bomb(source.name, name, len(source.data), _MEMORY * len(source.data))
     tables: dict[str, list[_Record]] = {}
-    whole, cut = _documents(source)
-    for kind, record in (each for document in whole for each in _records(document)):
+    documents, cut = _documents(source)
+    for kind, record in _records(documents):
         tables.setdefault(kind, []).append(record)
     files = {f"{kind}.csv": functools.partial(_as_text, source, kind, rows) for kind, rows in tables.items()}
     if not files:
@@ -60,85 +62,66 @@ def read(source: Source) -> Mapping[str, Table]:
 def _documents(source: Source) -> tuple[list[Any], list[Finding]]:
     """Parse the file as one document, or as one a line; the last line may be truncated."""
     text = decoded(source.data)[:].rstrip(b"\0 \r\n")
-    lines = text.splitlines()
     documents: list[Any] = []
-    try:
+    with suppress(ValueError, RecursionError):
         return [json.loads(text)], []
-    except (ValueError, RecursionError):
-        pass
+    lines = text.splitlines()
     for number, line in enumerate(lines, 1):
         try:
             documents += [json.loads(line)] if line.strip() else []
         except (ValueError, RecursionError) as error:
-            if number < len(lines) or not documents:
-                where, reason = f"{source.name}:{number}", plain_text(error)[:200]
-                raise InputError("format.json_damaged", where=where, reason=reason) from error
-            return documents, [Finding.of(Code.ROWS_CUT, file=source.name, line=number)]
+            if number == len(lines) and documents:
+                return documents, [Finding.of(Code.ROWS_CUT, file=source.name, line=number)]
+            where, reason = f"{source.name}:{number}", plain_text(error)[:200]
+            raise InputError("format.json_damaged", where=where, reason=reason) from error
     return documents, []
 
 
-def _records(value: Any, kind: str = "", above: _Record | None = None) -> Iterator[tuple[str, _Record]]:
+def _records(value: Any, kind: str = "", above: _Record | None = None, depth: int = 0) -> Iterator[tuple[str, _Record]]:
     """Yield the records of a document with the name of their sensor. `above`: times of the enclosing record."""
     if isinstance(value, list):
         for each in value:
-            if isinstance(each, dict):
-                yield from _records(each, kind, above)
+            yield from _records(each, kind, above, depth + 1)
+    if not isinstance(value, dict) or depth > _DEEPEST:
         return
-    if not isinstance(value, dict):
-        return
-    stated = next((text for key in _KINDS if isinstance(text := value.get(key), str) and text), "")
-    lists = {
-        key: each for key, each in value.items() if isinstance(each, list) and any(isinstance(e, dict) for e in each)
-    }
-    inner = {key: each for key, each in value.items() if isinstance(each, dict)}
-    scalars = {key: each for key, each in value.items() if not isinstance(each, dict | list)}
-    times = {**(above or {}), **{key: each for key, each in scalars.items() if _is_time(key)}}
-    for key, each in lists.items():
-        yield from _records(each, key, times)
-    if lists:
-        return
-    if len(inner) == 1 and len(value) > 1:
-        ((key, only),) = inner.items()
-        yield stated or key, {**times, **scalars, **_flat(only)}
-    elif len(value) > 1:
-        yield stated or kind, {**times, **_flat(value)}
+    times = {**(above or {}), **{key: each for key, each in value.items() if _key_of(key) == "time"}}
+    lists = [key for key, each in value.items() if isinstance(each, list) and any(isinstance(e, dict) for e in each)]
+    for key in lists:
+        yield from _records(value[key], key, times, depth + 1)
+    if len(value) > 1 and not lists:
+        inner = [key for key, each in value.items() if isinstance(each, dict)]
+        only = inner[0] if len(inner) == 1 else ""
+        stated = next((text for key in _KINDS if isinstance(text := value.get(key), str) and text), only)
+        yield stated or kind, _flat({**times, **{k: v for k, v in value.items() if k != only}, **value.get(only, {})})
 
 
-@functools.cache
-def _is_time(key: str) -> bool:
-    match = match_header(key, IMU_SCHEMA)
-    return match is not None and match[0].key == "time"
-
-
-def _flat(record: _Record, above: str = "") -> _Record:
-    """Return the numbers of a record by path; the only vector of three is x, y, z."""
+def _flat(record: _Record, above: str = "", depth: int = 0) -> _Record:
+    """Return the values of a record by path; the only vector of three is x, y, z."""
     found: _Record = {}
     for key, value in record.items():
-        path = f"{above}.{key}" if above else str(key)
-        if isinstance(value, dict):
-            found |= _flat(value, path)
-        elif isinstance(value, list):
-            names = "xyz" if len(value) == 3 else map(str, range(len(value)))
-            found |= {f"{path}_{axis}": each for axis, each in zip(names, value[:_LISTED], strict=False)}
-        else:
-            found[path] = value
-    vectors = [path for path in found if path.endswith("_x") and {f"{path[:-1]}y", f"{path[:-1]}z"} <= found.keys()]
+        names = "xyz" if isinstance(value, list) and len(value) == 3 else map(str, range(_LISTED))
+        inner = value if isinstance(value, dict) else None
+        inner = dict(zip(names, value, strict=False)) if isinstance(value, list) else inner
+        if inner is None:
+            found[above + key] = value
+        elif depth < _DEEPEST:
+            found |= _flat(inner, f"{above}{key}.", depth + 1)
+    vectors = [path[:-1] for path in found if path[-2:] == ".x" and {f"{path[:-1]}y", f"{path[:-1]}z"} <= found.keys()]
     if not above and len(vectors) == 1:
-        return {path.removeprefix(vectors[0][:-1]): value for path, value in found.items()}
+        return {path.removeprefix(vectors[0]): value for path, value in found.items()}
     return found
 
 
 def _as_text(source: Source, kind: str, records: list[_Record]) -> Source:
     """Write the records of a sensor as delimited text."""
     names = dict.fromkeys(key for record in records for key in record)
-    rows = [[plain_text(key).replace(",", " ").replace('"', "") for key in names]]
-    rows += [[_cell(record.get(key)) for key in names] for record in records]
-    text = "\n".join(",".join(row) for row in rows) + "\n"
+    rows = [[_cell(key) for key in names], *([_cell(record.get(key)) for key in names] for record in records)]
+    text = "".join(",".join(row) + "\n" for row in rows)
     return replace(source, name=f"{source.name}/{plain_text(kind)}", data=text.encode(), path=None)
 
 
 def _cell(value: Any) -> str:
-    """Return a cell without delimiters: a number, or a text such as a date."""
+    """Return a number, or a text such as a date, without delimiters."""
     if isinstance(value, bool | int | float):
-        return repr(float(value)) if isinstance(value, bool) or value != value else repr(value)
-    return plain_text(value)[:40] if isinstance(value, str) and not set(value) & set(',"\n\r') else ""
+        return str(int(value) if isinstance(value, bool) else value)
+    return re.sub(r'[,"]', " ", plain_text(value))[:80] if isinstance(value, str) else ""

@@ -71,8 +71,8 @@ def tables_of(source: Source) -> Mapping[str, Table]:
     """Read the tables of an opened file."""
     chosen = next((each for each in formats() if each.recognise(source)), None)
     if chosen is None:
-        if sheet := SHEETS & source.members.keys():
-            raise refusal(source.head, source.name, (), sheet)
+        if SHEETS & source.members.keys():
+            raise InputError("format.other_data", where=source.name, kind="a spreadsheet")
         if source.members or not source.data:
             raise _folder(source)
         raise refusal(source.head, source.name, suffixes())

@@ -2,11 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
-
 from insnav.exceptions import InputError
-
-SHEETS = {"xl/workbook.xml", "xl/workbook.bin", "content.xml"}  # members of XLSX, XLSB and ODS files
 
 # first bytes -> description
 _ARCHIVES = {b"Rar!": "a RAR archive", b"7z\xbc\xaf\x27\x1c": "a 7z archive"}
@@ -14,11 +10,10 @@ _DATA = {
     b"ARROW1": "an Arrow / Feather file",
     b"\x93NUMPY": "a NumPy .npy array",
     b"<": "XML or HTML (also GPX, KML)",
+    b"\xd0\xcf\x11\xe0": "a spreadsheet",  # of Excel before 2007
 }
-_SHEET = "a spreadsheet"
 _PICKLE, _RTCM = {b"\x80\x04\x95": "a Python pickle"}, {b"\xd3\x00": "an RTCM 3 stream"}
 _OTHERS = {
-    b"\xd0\xcf\x11\xe0": _SHEET,  # Excel before 2007
     b"\x89PNG": "a PNG picture",
     b"\xff\xd8\xff": "a JPEG picture",
     b"GIF8": "a GIF picture",
@@ -27,6 +22,7 @@ _OTHERS = {
     b"MZ\x90": "a Windows program",
 }
 _ALL = _ARCHIVES | _DATA | _PICKLE | _RTCM | _OTHERS
+SHEETS = {"xl/workbook.xml", "xl/workbook.bin", "content.xml"}  # members of XLSX, XLSB and ODS files
 _CONTROL = bytes(set(range(32)) - {9, 10, 11, 12, 13, 26, 27}) + b"\x7f"
 
 
@@ -36,11 +32,9 @@ def unsupported(head: bytes) -> str:
     return next((what for magic, what in _ALL.items() if head.startswith(magic)), "binary data" if binary else "")
 
 
-def refusal(head: bytes, name: str, suffixes: tuple[str, ...], members: Collection[str] = ()) -> InputError:
-    """Build the error for an unsupported file. `suffixes`: of the supported formats. `members`: of an archive."""
-    kind = _SHEET if members else unsupported(head)
-    if kind == _SHEET:
-        return InputError("format.spreadsheet", where=name)
+def refusal(head: bytes, name: str, suffixes: tuple[str, ...]) -> InputError:
+    """Build the error for an unsupported file. `suffixes`: of the supported formats."""
+    kind = unsupported(head)
     if kind in _ARCHIVES.values():
         return InputError("format.other_archive", where=name, kind=kind)
     if kind in _DATA.values():

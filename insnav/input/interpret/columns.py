@@ -95,12 +95,17 @@ def match_header(
     return match_header(header[device.end() :], schema, unit_below) if (device := _DEVICE.match(header)) else None
 
 
+def key_of(header: str, schema: Sequence[Quantity]) -> str:
+    """Return the key of the quantity that a header names; empty without, and for an unknown unit."""
+    with suppress(InputError):
+        match = match_header(header, schema)
+        return match[0].key if match else ""
+    return ""
+
+
 def is_header(line: str, schema: Sequence[Quantity]) -> bool:
     """Return whether a line names time and three other quantities of a schema."""
-    keys = set()
-    for header in re.split("[,;\t]", line.replace('"', "")):
-        with suppress(InputError):  # an invalid unit
-            keys |= {match[0].key for match in (match_header(header, schema),) if match}
+    keys = {key_of(header, schema) for header in re.split("[,;\t]", line.replace('"', ""))} - {""}
     return "time" in keys and len(keys) > _NAMED
 
 
@@ -283,7 +288,7 @@ def require(
         raise InputError("format.one_column", where=where, header=headers[0][:80])
     guess = quote_columns(gives["columns"]) if gives else ""
     if is_headerless(headers):
-        numbers = "" if hint or guess else quote_columns(dict.fromkeys(keys, "NUMBER"))
+        numbers = "" if guess else quote_columns(dict.fromkeys(keys, "NUMBER"))
         values: dict[str, Any] = {
             "hint": hint,
             "guess": "" if hint else guess,
@@ -293,7 +298,7 @@ def require(
         raise InputError("columns.no_header", where=where, gives=gives, count=len(headers), **values)
     used = {f.index for f in found.values()}
     free = [h for i, h in enumerate(headers) if h and i not in used]
-    similar = [h for h in free if not _names_other(h, schema)]
+    similar = [h for h in free if not key_of(h, schema)]
     listed: dict[str, Any] = {"quantities": tuple(q.name for q in missing), **_listed(headers)}
     clock = {"hour", "minute"} <= {compact(each).removesuffix("s") for each in free}
     if clock and "time" in {q.key for q in missing}:
@@ -312,21 +317,12 @@ def require(
     raise InputError("columns.missing", where=where, gives=gives, **listed, **advice)
 
 
-def _names_other(header: str, schema: Sequence[Quantity]) -> bool:
-    """Return whether a header is a known name, so that it is no other quantity."""
-    with suppress(InputError):
-        return match_header(header, schema) is not None
-    return True
-
-
 def agrees(columns: Mapping[str, str], found: Mapping[str, Found], schema: Sequence[Quantity]) -> bool:
     """Return whether columns chosen by values agree with all known names, in any schema."""
     named = {each.header: key for key, each in found.items()}
     others = [header for key, header in columns.items() if key != "time" and header not in named]
-    with suppress(InputError):
-        known = any(match_header(header, schema) for header in others)
-        return not known and all(named.get(header, key) == key for key, header in columns.items())
-    return False
+    known = any(key_of(header, schema) for header in others)
+    return not known and all(named.get(header, key) == key for key, header in columns.items())
 
 
 def quote_columns(columns: Mapping[str, str]) -> str:

@@ -21,7 +21,7 @@ from insnav.findings import Code, Finding
 from insnav.input.formats.conventions import PLACE, VELOCITY
 from insnav.input.formats.table import Cells, Numbers, Table
 from insnav.input.formats.time_scales import Scale, gps_days, seconds_of_week
-from insnav.input.interpret.columns import match_header
+from insnav.input.interpret.columns import key_of
 from insnav.input.interpret.schema import IMU_SCHEMA, compact
 from insnav.types import BoolArray, FloatArray, IntArray
 from insnav.units import DEG
@@ -209,10 +209,7 @@ def _seconds_and_fraction(table: Table, words: Sequence[str]) -> tuple[int, int,
 
 
 def _is_time(header: str) -> bool:
-    try:
-        return bool(header) and match_header(header, _TIME) is not None
-    except InputError:  # an invalid unit
-        return True
+    return key_of(header, _TIME) == "time"
 
 
 def _moments(*by: FloatArray) -> tuple[FloatArray, FloatArray]:

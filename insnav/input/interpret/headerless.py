@@ -71,11 +71,6 @@ def position_columns(table: Table) -> dict[str, str]:
     return {}
 
 
-def has_times(table: Table) -> bool:
-    """Return whether a column increases with every row."""
-    return any(map(_advances, _columns(table)))
-
-
 def _columns(table: Table) -> list[FloatArray]:
     try:
         numbers = table.cells.read(range(len(table.headers)))

@@ -91,23 +91,19 @@ def turns_in_radians(time: FloatArray, lla: FloatArray, v_n: FloatArray, angles:
     `lla` (n, 3) [rad], [rad], [m]; `v_n` (n, 3), NaN if unknown: then the positions give the course.
     """
     rows = np.flatnonzero(np.isfinite(angles).all(axis=1))
-    if len(rows) < 2 * _FEWEST or np.abs(angles[rows]).max() / DEG > 2.0 * np.pi + 1e-3:
+    if len(rows) < _FEWEST or np.abs(angles[rows]).max() / DEG > 2.0 * np.pi + 1e-3:
         return False
     v = v_n[rows, :2]
     if not np.isfinite(v).all():
         rows = rows[np.unique(np.searchsorted(time[rows], np.arange(time[rows[0]], time[rows[-1]], SPAN)))]
-        if len(rows) < _FEWEST:
-            return False
-        v = np.gradient(ned_offset(lla[rows], lla[rows[0]])[:, :2], time[rows], axis=0)
+        v = np.gradient(ned_offset(lla[rows], lla[rows[0]]), time[rows], axis=0) if len(rows) > 1 else v[:1]
     fast = np.hypot(v[:, 0], v[:, 1]) > _SLOWEST
-    if np.count_nonzero(fast) < _FEWEST:
-        return False
     course, read = np.arctan2(v[fast, 1], v[fast, 0]), angles[rows[fast], -1]
 
     def scatter(heading: FloatArray) -> float:
         return 1.0 - max(float(np.abs(np.mean(np.exp(1j * (course - sign * heading))))) for sign in (1.0, -1.0))
 
-    return scatter(read / DEG) < _BETTER**2 * scatter(read)
+    return np.count_nonzero(fast) >= _FEWEST and scatter(read / DEG) < _BETTER**2 * scatter(read)
 
 
 def fit_velocities(time: FloatArray, lla: FloatArray, v_n: FloatArray) -> Fit | None:

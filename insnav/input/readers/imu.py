@@ -20,7 +20,7 @@ from insnav.input.formats.table import Table
 from insnav.input.interpret.axes import axes_matrix
 from insnav.input.interpret.clean import IMU_KINDS
 from insnav.input.interpret.columns import Found, agrees, find_unit, require, understand
-from insnav.input.interpret.headerless import has_times, imu_columns, is_headerless
+from insnav.input.interpret.headerless import imu_columns, is_headerless
 from insnav.input.interpret.physics import (
     check_axes,
     find_accel_unit,
@@ -360,7 +360,7 @@ def _choose(
     words = {header.lower()[:3] for header in table.headers}
     if {"lat", "lon"} <= words and not some_rates:
         hint = "positions_as_imu"
-    elif some and "time" not in found and not (is_headerless(table.headers) and has_times(table)):
+    elif some and "time" not in found:
         hint = "without_rate"
     require(found, ("time", *wanted), table, schema, hint=hint, gives=gives)
     return increments

@@ -18,8 +18,7 @@ from insnav.input.formats.registry import open_table
 from insnav.input.formats.table import Table
 from insnav.input.interpret.clean import GPS_KINDS, REFERENCE_KINDS, Kinds
 from insnav.input.interpret.columns import Found, agrees, quote_columns, require, suggest, understand
-from insnav.input.interpret.derived import derive
-from insnav.input.interpret.geoid import undulation
+from insnav.input.interpret.derived import derive, undulation
 from insnav.input.interpret.headerless import position_columns
 from insnav.input.interpret.physics import stated_unit
 from insnav.input.interpret.schema import ALL_UNITS, GPS_SCHEMA, IMU_SCHEMA, REFERENCE_SCHEMA, Quantity, compact
