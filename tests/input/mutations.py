@@ -37,7 +37,7 @@ from tests.input.test_nmea_ubx import UTC, nmea, ubx
 
 FIRST, LENGTH = 70.0, 60.0  # part of the drive [s]
 FIXES = (("lla", 3e-9), ("v_n", 0.05))  # 2 cm
-SD = 0.015  # of the fixes [m], and twice that of their velocities [m/s]: better than any writer states
+SD = 0.005  # of the fixes [m], and twice that of their velocities [m/s]: better than any writer states
 Files = dict[str, bytes]
 
 
@@ -136,7 +136,8 @@ def mutated(files: Files, rng: random.Random) -> tuple[Files, str]:
     text = name.endswith((".csv", ".txt", ".pos", ".vbo", ".nmea", ".jsonl"))
     at = rng.randrange(len(data))
     if how == "columns" and text and not name.endswith(".jsonl"):
-        cell = rb"[^,; \n]+" if b"," in data[:200] or b";" in data[:200] else rb"\S+"
+        delimiter = next((each for each in b";," if each in data[:200]), ord(" "))
+        cell = b"[^" + bytes([delimiter]) + rb"\n]+"
         lines = data.split(b"\n")
         count = len(re.findall(cell, lines[-2]))
         i, j = sorted(rng.sample(range(count), 2)) if count > 1 else (0, 0)

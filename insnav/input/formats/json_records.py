@@ -14,7 +14,6 @@ import functools
 import json
 import re
 from collections.abc import Iterator, Mapping
-from contextlib import suppress
 from dataclasses import replace
 from typing import Any
 
@@ -32,6 +31,7 @@ name = "JSON records"
 suffixes = (".json", ".jsonl")
 
 _START = re.compile(rb'\s*(\[\s*)?\{\s*"')
+_DECODER, _SPACE = json.JSONDecoder(), re.compile(r"[\s,]*")
 _KINDS = ("sensor", "topic", "type", "name", "kind")  # text that names the sensor of a record
 _MEMORY = 10  # bytes in memory per byte of the file: a number of 8 characters takes 24 bytes, its name a reference
 _LISTED, _DEEPEST = 9, 8  # longest list of numbers, such as a covariance matrix, and levels of structures
@@ -60,20 +60,19 @@ def read(source: Source) -> Mapping[str, Table]:
 
 
 def _documents(source: Source) -> tuple[list[Any], list[Finding]]:
-    """Parse the file as one document, or as one a line; the last line may be truncated."""
-    text = decoded(source.data)[:].rstrip(b"\0 \r\n")
-    documents: list[Any] = []
-    with suppress(ValueError, RecursionError):
-        return [json.loads(text)], []
-    lines = text.splitlines()
-    for number, line in enumerate(lines, 1):
+    """Parse one document, or many in a row; the last of many may be truncated."""
+    text, at, documents = bytes(decoded(source.data)).decode("utf-8", "replace").rstrip("\0 \r\n"), 0, []
+    while at < len(text):
         try:
-            documents += [json.loads(line)] if line.strip() else []
+            value, at = _DECODER.raw_decode(text, at)
         except (ValueError, RecursionError) as error:
-            if number == len(lines) and documents:
-                return documents, [Finding.of(Code.ROWS_CUT, file=source.name, line=number)]
-            where, reason = f"{source.name}:{number}", plain_text(error)[:200]
-            raise InputError("format.json_damaged", where=where, reason=reason) from error
+            line = text.count("\n", 0, at) + 1
+            if documents and "\n" not in text[at:]:
+                return documents, [Finding.of(Code.ROWS_CUT, file=source.name, line=line)]
+            reason = plain_text(error)[:200]
+            raise InputError("format.json_damaged", where=f"{source.name}:{line}", reason=reason) from error
+        documents.append(value)
+        at = _SPACE.match(text, at).end()  # type: ignore[union-attr]
     return documents, []
 
 

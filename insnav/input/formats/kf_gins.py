@@ -75,14 +75,12 @@ def _fits(numbers: FloatArray, headers: tuple[str, ...]) -> bool:
     sd = np.array([at[header] for header in headers if header.startswith("sd_")])
     if not ((step > 0.0).all() and time[0] >= 0.0 and time[-1] <= WEEK and ((sd > 0.0) & (sd < 1e3)).all()):
         return False
-    if headers[-1] == "time_s" and "lat_rad" in at and not np.median(step) > _FASTEST_FIXES:
+    if "lat_rad" in at and not np.median(step) > _FASTEST_FIXES:
         return False
-    if "week" in at:
-        week = at["week"][0]
-        if not (500.0 < week < 10_000.0 and week.is_integer() and (at["week"] == week).all()):
-            return False
-        if not (np.abs(numbers[:, 8:10]) <= 180.0).all():
-            return False
+    week = at.get("week", np.array([1000.0]))
+    whole = 500.0 < week[0] < 10_000.0 and float(week[0]).is_integer() and (week == week[0]).all()
+    if not whole or ("week" in at and np.abs(numbers[:, 8:10]).max() > 180.0):
+        return False
     if "dtheta_x_rad" in at:
         turned, felt = (np.array([at[header][1:] for header in part]) / step for part in (_IMU[:3], _IMU[3:]))
         gravity, rate = (float(np.median(np.linalg.norm(each, axis=0))) for each in (felt, turned))

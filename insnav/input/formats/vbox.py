@@ -12,7 +12,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
-from typing import Any
 
 import numpy as np
 
@@ -39,8 +38,7 @@ _TYPES = {0: 5.0, 1: 4.0}  # fix types: alone, with corrections
 
 
 def recognise(source: Source) -> bool:
-    sections = {section.lower() for section in _SECTION.findall(bytes(decoded(source.head)))}
-    return {b"header", b"column names"} <= sections or {b"column names", b"data"} <= sections
+    return b"column names" in map(bytes.lower, _SECTION.findall(bytes(decoded(source.head))))
 
 
 def read(source: Source) -> Mapping[str, Table]:
@@ -72,8 +70,8 @@ def read(source: Source) -> Mapping[str, Table]:
         up = own.get("vertvel", own.get("verticalvelocity", unknown))
         columns |= of_course(own["velocity"] * speed, own["heading"], -climb * up)
     kind, good = (sats >= _DGPS).astype(np.int64), np.isfinite(sats) & (sats % _BRAKE > 0.0)
-    how: dict[str, Any] = {"cut": numbers.cut, "week": time.week}
-    tables = {"gps": fix_table(source, columns, kind, _TYPES, [time.note], good=good, row="row", **how)}
+    fixes = fix_table(source, columns, kind, _TYPES, [time.note], good=good, row="row", cut=numbers.cut, week=time.week)
+    tables = {"gps": fixes}
     channels = sections.get(b"channel units", b"").strip(b"\r\n").decode("latin-1").split("\n")
     units_of = [*[""] * (len(names) - len(channels)), *map(str.strip, channels)][-len(names) :]
     headers = ("time_s", *(f"{name} [{unit}]" if unit else name for name, unit in zip(names, units_of, strict=True)))
