@@ -1,7 +1,7 @@
 """Racelogic VBOX files (``.vbo``): sections of text, then rows of numbers; fixes, and samples of an IMU04 or CAN bus.
 
 Time of day is UTC as ``hhmmss.ss``. Latitudes are minutes, positive north; longitudes minutes, positive west; heights
-are above sea level. The header states the units of both velocities, and ``[channel units]`` those of further channels.
+are above sea level. ``[header]`` and ``[channel units]`` state the units.
 
 References
 ----------

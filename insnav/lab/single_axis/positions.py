@@ -1,7 +1,11 @@
 """Accelerometers from the mean outputs of a triad in known positions: full matrix and bias.
 
-``f_measured = B f + b`` by least squares, with the true components of gravity along x, y, z in each position; six faces
-up and down suffice (Titterton & Weston, "Strapdown Inertial Navigation Technology", section 8.3.2; IEEE Std 1293).
+``f_measured = B f + b`` by least squares, with the true components of gravity along x, y, z in each position. Six faces,
+up and down, suffice.
+
+References
+----------
+Titterton, D. and Weston, J., "Strapdown Inertial Navigation Technology", section 8.3.2. IEEE Std 1293.
 """
 
 from __future__ import annotations
