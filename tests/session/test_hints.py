@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 
 import numpy as np
 
 import insnav
 from insnav.exceptions import InputError
+from insnav.findings import Code, Severity, of_code
 from tests.input.files import GPS_HEADER, IMU_HEADER, fixes, rolling, write
 from tests.refusals import refused
 
@@ -50,3 +52,12 @@ def test_a_known_name_is_not_suggested_as_another_quantity(tmp_path):
     with refused(InputError, "columns.missing") as caught:
         insnav.load(write(tmp_path / "imu.csv", rolling(), IMU_HEADER), path)
     assert not caught.value.gives
+
+
+def test_headings_of_unknown_accuracy_are_named_as_unused():
+    """Two antennas, but no --gps-heading-sd: nothing told that the headings were there."""
+    drive = insnav.simulate("bends", imu="industrial", gps="dgps", seed=1)
+    fixed = replace(drive.gps.data, heading=np.radians(np.linspace(10.0, 20.0, len(drive.gps.data.time))))
+    (unused,) = of_code(insnav.load(drive.imu.data, fixed).notes, Code.GPS_HEADING_UNUSED)
+    assert (unused.severity, unused["count"]) == (Severity.NOTE, len(fixed.time))
+    assert not [*of_code(insnav.load(drive.imu.data, drive.gps.data).notes, Code.GPS_HEADING_UNUSED)]
