@@ -61,7 +61,8 @@ def read(source: Source) -> Mapping[str, Table]:
 
 def _documents(source: Source) -> tuple[list[Any], list[Finding]]:
     """Parse one document, or many in a row; the last of many may be truncated."""
-    text, at, documents = bytes(decoded(source.data)).decode("utf-8", "replace").rstrip("\0 \r\n"), 0, []
+    text, documents = bytes(decoded(source.data)).decode("utf-8", "replace").rstrip("\0 \r\n"), list[Any]()
+    at = 0
     while at < len(text):
         try:
             value, at = _DECODER.raw_decode(text, at)

@@ -103,7 +103,7 @@ def turns_in_radians(time: FloatArray, lla: FloatArray, v_n: FloatArray, angles:
     def scatter(heading: FloatArray) -> float:
         return 1.0 - max(float(np.abs(np.mean(np.exp(1j * (course - sign * heading))))) for sign in (1.0, -1.0))
 
-    return np.count_nonzero(fast) >= _FEWEST and scatter(read / DEG) < _BETTER**2 * scatter(read)
+    return bool(fast.sum() >= _FEWEST and scatter(read / DEG) < _BETTER**2 * scatter(read))
 
 
 def fit_velocities(time: FloatArray, lla: FloatArray, v_n: FloatArray) -> Fit | None:
