@@ -1,7 +1,7 @@
 """Accelerometers from the mean outputs of a triad in known positions: full matrix and bias.
 
-``f_measured = B f + b`` by least squares, with the true components of gravity along x, y, z in each position. Six faces,
-up and down, suffice.
+``f_measured = B f + b`` by least squares, with the true components of gravity along x, y, z in each position. Six faces
+suffice.
 
 References
 ----------
