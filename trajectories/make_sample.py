@@ -27,10 +27,9 @@ from insnav.simulate import (
     reference,
     without_fixes,
 )
-from insnav.simulate.imu_errors import Seed
-from insnav.simulate.motion.assemble import Start, commands_of, spacing_of, truth_of
-from insnav.simulate.motion.kinds import KINDS, Vehicle, Vibration
-from insnav.simulate.motion.moves import Move, State, step
+from insnav.simulate.motion.moves import KINDS, Move, State, Vehicle, Vibration, step
+from insnav.simulate.motion.profile import Start, commands_of, spacing_of, truth_of
+from insnav.simulate.sensor_errors import Seed
 from insnav.units import DEG
 
 SAMPLE = Path(__file__).parent / "sample"

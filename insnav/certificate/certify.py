@@ -8,8 +8,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 
-from insnav.certificate.gravity import gravity
 from insnav.certificate.integrators import Check, Integrator, integrators, pyins
+from insnav.certificate.platform_checks import gravity
 from insnav.certificate.platform_checks import platform as gimballed
 from insnav.certificate.strapdown_checks import TOPICS
 from insnav.findings import Code, Finding

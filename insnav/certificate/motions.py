@@ -9,8 +9,7 @@ import numpy as np
 from insnav.attitude import quat_from_dcm, quat_from_rotvec, quat_multiply
 from insnav.earth import E2, A
 from insnav.simulate import LevelTruth, Truth
-from insnav.simulate.curves import Harmonic
-from insnav.simulate.earthfixed import EarthTruth
+from insnav.simulate.truth import EarthTruth, Harmonic
 from insnav.types import FloatArray
 from insnav.units import DEG
 

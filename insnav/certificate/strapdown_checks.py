@@ -11,10 +11,10 @@ from insnav.certificate.integrators import Check, Integrator, attitude_after
 from insnav.certificate.motions import Cone, Scull, around_pole, even, over_pole, start_of, swell, uneven
 from insnav.earth import earth_rate_n, gravity_n, near_pole, ned_offset, radii
 from insnav.earth_fixed import earth_from_lla
-from insnav.errors.schuler import measured_periods, periods, static_errors
+from insnav.errors.platform_errors import measured_periods, periods, static_errors
 from insnav.gimbal import PlatformErrors
 from insnav.simulate import LevelTruth, Truth, circle, imu_from_truth, straight
-from insnav.simulate.curves import Harmonic
+from insnav.simulate.truth import Harmonic
 from insnav.types import FloatArray, ImuData, IntArray, Trajectory
 from insnav.units import DEG, DEG_PER_H, G0, UG
 

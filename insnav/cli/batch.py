@@ -44,8 +44,7 @@ def batch(
     with Stages() as stage:
         stage("finding")
         from insnav.fleet.batch import batch as navigated
-        from insnav.fleet.batch import check_folder, moved_aside
-        from insnav.fleet.recordings import find_drives
+        from insnav.fleet.batch import check_folder, find_drives, moved_aside
         from insnav.output.folder import resolved
         from insnav.report.fleet.page import nonempty_columns, write_fleet
         from insnav.result import Result

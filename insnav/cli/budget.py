@@ -132,9 +132,9 @@ def _explain(data: Data, end: str, time: float, rest: dict[str, float], how: tup
     out, force, as_json = how
     with working(out, force) as (folder, stage):
         stage("fitting")
-        from insnav.errors.budget.analytic import gravity_of
-        from insnav.errors.budget.sampled_motion import at_rest
-        from insnav.errors.diagnosis.growth_curves import end_of_run, explain_end
+        from insnav.errors.budget.predicted import gravity_of
+        from insnav.errors.budget.sources import at_rest
+        from insnav.errors.diagnosis.causes import end_of_run, explain_end
         from insnav.imu import load_imu
         from insnav.report.budget.page import end_page
         from insnav.report.save import write_page

@@ -36,8 +36,7 @@ def check(
         if where is not None:
             result_facts(where)
         else:
-            from insnav.report.run_json import versions
-            from insnav.report.save import facts_of
+            from insnav.report.save import facts_of, versions
 
             result(json.dumps({"kind": "check", "versions": versions(), **facts_of(found)}, indent=2))
     else:

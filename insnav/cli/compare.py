@@ -45,7 +45,7 @@ def compare(
                 folder.path(name).write_text(text, encoding="utf-8", newline="\n")
             folder.commit({"runs": [str(run) for run in runs]})
     if as_json:
-        from insnav.report.run_json import json_ready
+        from insnav.report.save import json_ready
 
         result(json.dumps(json_ready(found.rows()), indent=1, ensure_ascii=False))
     else:

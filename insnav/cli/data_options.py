@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from insnav.types import ImuData
 
 _findings, _messages = library("insnav.findings"), library("insnav.messages")  # the help needs no catalogue
-_explanation = library("insnav.report.explanation")
+_explanation = library("insnav.report.save")
 
 READING = ("axes", "units", "columns", "sampling", "stamp")  # inputs for reading samples
 _IMU_HELP = "IMU data, or a log with IMU and GPS: a file of any supported format, a folder, or - for standard input."

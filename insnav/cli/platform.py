@@ -90,7 +90,6 @@ def platform(
     if (vertical == "damped") != (height_input is not None):
         raise ConfigError("cli.damped_needs_heights", where="--vertical")
     with working(out, force) as (folder, stage):
-        from insnav.gimbal import PlatformErrors
         from insnav.session import platform_run
 
         outcome: Result[Any]
@@ -101,11 +100,8 @@ def platform(
         else:
             assert force_file is not None
             stage("navigating")
-            how: dict[str, Any] = {
-                "errors": PlatformErrors(tilt, drift, bias),
-                "integrator": integrator,
-                "vertical": vertical,
-            }
+            errors = {"tilt": tilt, "drift": drift, "bias": bias}
+            how: dict[str, Any] = {"errors": errors, "integrator": integrator, "vertical": vertical}
             how |= {"gravity": gravity, "interval": interval, "heights": height_input, "ref": ref, "axes": axes}
             how |= {"columns": parse.columns(columns, "--columns"), "sample_rate": sample_rate, "opened": say_reading}
             outcome = replace(platform_run.platform(force_file, *start, **how), options=configuration)

@@ -83,7 +83,7 @@ def _power(folder: Path, as_json: bool) -> None:
     from insnav.regression.baseline import BASELINE_FILE, read_baseline
     from insnav.report.page import Page
     from insnav.report.regression.page import power_lines, power_section
-    from insnav.report.run_json import page_facts
+    from insnav.report.save import page_facts
 
     baseline = read_baseline(folder / BASELINE_FILE)
     if baseline is None:

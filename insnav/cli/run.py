@@ -79,7 +79,7 @@ def run(
         console.result(console.coloured(f"{console.brief_text(outcome)}\n{console.files_line(where, out)}"))
         if outcome.found.short_duration:
             from insnav.report.page import section_tables
-            from insnav.report.run.short_duration import short_section
+            from insnav.report.run.quantities import short_section
             from insnav.report.terminal import table_text
 
             for table in section_tables(short_section(outcome.found.short_duration)):

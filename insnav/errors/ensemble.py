@@ -21,12 +21,10 @@ from insnav.filter.settings import FilterSettings
 from insnav.findings import Code
 from insnav.imu import ImuSpec
 from insnav.sample_statistics import chi_square
-from insnav.simulate.faults import Fault
-from insnav.simulate.gps_errors import GpsSpec
-from insnav.simulate.ideal_sensors import reference
 from insnav.simulate.montecarlo import Runs, Sample
-from insnav.simulate.recording import simulate_recording
-from insnav.simulate.truth import Truth
+from insnav.simulate.recording import Fault, simulate_recording
+from insnav.simulate.sensor_errors import GpsSpec
+from insnav.simulate.truth import Truth, reference
 from insnav.types import BoolArray, Epochs, FloatArray, ImuData, IntArray, Run
 
 STEP = 1.0  # between epochs of the ensemble [s]

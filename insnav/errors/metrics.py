@@ -1,35 +1,100 @@
-"""Errors of a trajectory against a reference, and summary statistics.
+"""Errors of a trajectory against a reference of its drive and time, summary statistics, comparison of several runs.
 
 Error is estimate minus truth, at the epochs of the reference. Cubic Hermite interpolation of position brings the
-estimate to those epochs, with errors below a millimetre at 10 Hz.
+estimate to those epochs, with errors below a millimetre at 10 Hz. Several runs are compared at their common epochs.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, ClassVar
+from functools import reduce
+from itertools import chain, count
+from operator import itemgetter
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
-from insnav.attitude import (
-    dcm_from_rph,
-    quat_conjugate,
-    quat_from_rotvec,
-    quat_from_rph,
-    quat_multiply,
-    rotvec_from_quat,
-    rph_from_quat,
-    wrap_pi,
-)
+from insnav import attitude
 from insnav.earth import lla_offset, ned_offset
-from insnav.errors.reference_identity import no_time_in_common
+from insnav.exceptions import InputError
+from insnav.input.interpret.overlap import LEAP, ZONE, named_offset
 from insnav.sample_statistics import rms
 from insnav.tabular import Tabular, unit_of
-from insnav.types import BoolArray, FloatArray, IntArray, Trajectory
+from insnav.types import BoolArray, FloatArray, GpsData, IntArray, Trajectory
 
+EPOCHS = 500  # epochs of a search, enough for the turns of a drive
+FEWEST = 10  # common epochs
+APART, OTHERWISE = 50.0, 0.5  # least distance to another drive [m], and share of the drive's extent
+ALIKE = 0.1  # share of this extent below which tracks at different hours are the same
 MOVING_M_S = 0.5  # a faster vehicle counts as moving
 LONGEST_STEP = 2.0  # median steps of the estimate; a longer step is a gap without interpolation
 _SAME_TIME = 1e-6  # of a step: tolerance for times written with different digits
+
+
+def other_drive(reference: Trajectory, track: Trajectory, gps: GpsData | None) -> float:
+    """Return the distance of a reference from the fixes [m], if it moves differently from both; else zero."""
+    if gps is None:
+        return 0.0
+    inside = (gps.time >= reference.time[0]) & (gps.time <= reference.time[-1]) & np.isfinite(gps.lla[:, 0])
+    inside &= (gps.time >= track.time[0]) & (gps.time <= track.time[-1])
+    if np.count_nonzero(inside) < FEWEST:
+        return 0.0
+    time, fixes = gps.time[inside], gps.lla[inside]
+    origin = np.median(fixes, axis=0)
+    here = ned_offset(fixes, origin)[:, :2]
+    theirs, mine = (_at(time, each.time, ned_offset(each.lla, origin)) - here for each in (reference, track))
+    if _spread(theirs) < max(APART, OTHERWISE * _spread(here)) or _spread(mine) > ALIKE * _spread(theirs):
+        return 0.0
+    return float(np.median(np.linalg.norm(theirs, axis=1)))
+
+
+def no_time_in_common(reference: Trajectory, track: Trajectory) -> InputError:
+    """Build the error for a reference of another time, with whole hours, days and leap seconds as correction."""
+    values: dict[str, Any] = {"reference_s": tuple(reference.time[[0, -1]]) if len(reference.time) else ()}
+    values |= {"solution_s": tuple(track.time[[0, -1]]) if len(track.time) else ()}
+    offset, far = _hours_off(reference, track)
+    if not offset:
+        return InputError("ref.no_common_time", **values)
+    values |= named_offset(offset, 0.0)[1]
+    return InputError("ref.no_common_time_offset", offset_s=offset, apart_m=far, **values)
+
+
+def apart(reference: Trajectory, track: Trajectory) -> Callable[[float], FloatArray]:
+    """Build a function: distance of reference epochs from a track, (k, 2) [m], by clock lead [s]."""
+    rows = np.unique(np.linspace(0, len(reference.time) - 1, EPOCHS).astype(np.int64))
+    time, origin = reference.time[rows], track.lla[0]
+    there, here = ned_offset(reference.lla[rows], origin)[:, :2], ned_offset(track.lla, origin)
+
+    def at(late: float) -> FloatArray:
+        inside = (time - late >= track.time[0]) & (time - late <= track.time[-1])
+        return np.asarray(there[inside] - _at(time[inside] - late, track.time, here))
+
+    return at
+
+
+def _hours_off(reference: Trajectory, track: Trajectory) -> tuple[float, float]:
+    """Find half hours and leap seconds that match a reference to a track [s], and their distance then [m]; or zero."""
+    if not (len(reference.time) and len(track.time)):
+        return 0.0, 0.0
+    away = apart(reference, track)
+    least, most = track.time[0] - reference.time[-1], track.time[-1] - reference.time[0]
+    zones = ZONE * np.arange(np.floor((least - LEAP) / ZONE), np.ceil((most + LEAP) / ZONE) + 1.0)
+    found = (0.0, ALIKE * _spread(ned_offset(track.lla, track.lla[0])[:, :2]))
+    for offset in (zones[:, None] + [0.0, LEAP, -LEAP]).ravel():
+        if len(there := away(-offset)) >= FEWEST:
+            found = min(found, (float(offset), float(np.median(np.linalg.norm(there, axis=1)))), key=itemgetter(1))
+    return found
+
+
+def _at(time: FloatArray, known: FloatArray, place: FloatArray) -> FloatArray:
+    """Interpolate north and east at other times."""
+    return np.column_stack([np.interp(time, known, axis) for axis in place.T[:2]])
+
+
+def _spread(place: FloatArray) -> float:
+    """Compute the median distance from the middle [m]."""
+    return float(np.median(np.linalg.norm(place - np.median(place, axis=0), axis=1)))
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,7 +153,7 @@ def position_errors(
         time=reference.time[truth],
         position=ned_offset(lla, reference.lla[truth]),
         velocity=v_n - reference.v_n[truth],
-        attitude=wrap_pi(rph - reference.rph[truth]),
+        attitude=attitude.wrap_pi(rph - reference.rph[truth]),
         sd=sd,
         speed=np.where(np.isfinite(speed), speed, np.linalg.norm(v_n, axis=1)),
     )
@@ -114,7 +179,7 @@ def at_point(trajectory: Trajectory, lever_b: FloatArray) -> Trajectory:
     Groves (2013), section 14.3.1. The rotation rate comes from the attitude, by differencing the lever arm in local
     axes.
     """
-    lever_n = dcm_from_rph(trajectory.rph) @ np.asarray(lever_b, dtype=np.float64)
+    lever_n = attitude.dcm_from_rph(trajectory.rph) @ np.asarray(lever_b, dtype=np.float64)
     v_n = trajectory.v_n + _rates(trajectory.time, lever_n)
     return replace(trajectory, lla=lla_offset(trajectory.lla, lever_n), v_n=v_n)
 
@@ -250,10 +315,10 @@ def _known_velocity(trajectory: Trajectory) -> FloatArray:
 
 def _attitude(rph: FloatArray, index: IntArray, share: FloatArray) -> FloatArray:
     """Interpolate attitude along the shortest rotation between neighbouring samples (Shoemake 1985)."""
-    q = quat_from_rph(rph)
+    q = attitude.quat_from_rph(rph)
     first, second = q[index], q[index + 1]
-    turn = rotvec_from_quat(quat_multiply(quat_conjugate(first), second))
-    return rph_from_quat(quat_multiply(first, quat_from_rotvec(share * turn)))
+    turn = attitude.rotvec_from_quat(attitude.quat_multiply(attitude.quat_conjugate(first), second))
+    return attitude.rph_from_quat(attitude.quat_multiply(first, attitude.quat_from_rotvec(share * turn)))
 
 
 def travelled(solution: Trajectory) -> tuple[float, float, float]:
@@ -265,3 +330,86 @@ def travelled(solution: Trajectory) -> tuple[float, float, float]:
     speed = np.sqrt(north**2 + east**2 + down**2)  # numpy's norm of rows is four times slower
     step = np.where(speed[1:] > MOVING_M_S, np.diff(solution.time), 0.0)
     return float(np.sum(speed[1:] * step)), float(np.sum(step)), float(speed.max(initial=0.0))
+
+
+class Solution(NamedTuple):
+    """Solution of a run."""
+
+    run: str  # name of the run
+    solution: str  # filtered or smoothed
+    trajectory: Trajectory
+    lever_b: FloatArray  # (3,) its antenna seen from the IMU, body axes [m]
+
+
+@dataclass(frozen=True, slots=True)
+class Compared:
+    """Errors of a solution of a run."""
+
+    run: str  # name of the run
+    solution: str  # filtered or smoothed
+    errors: TrajectoryErrors  # at the common epochs of all runs
+
+
+@dataclass(frozen=True, slots=True)
+class Comparison:
+    """Comparison of runs with one reference."""
+
+    reference: Trajectory  # at the common epochs and possibly others
+    compared: tuple[Compared, ...]  # in input order, the smoothed solution after the filtered one of a run
+
+    def rows(self) -> list[dict[str, Any]]:
+        """List the accuracy of each solution.
+
+        Returns: ``run``, ``solution``, ``accuracy`` from `insnav.errors.metrics.accuracy`, ``consistency`` from
+        `insnav.errors.metrics.nees`.
+        """
+        return [
+            {
+                "run": each.run,
+                "solution": each.solution,
+                "accuracy": accuracy(each.errors),
+                "consistency": nees(each.errors),
+            }
+            for each in self.compared
+        ]
+
+    def named(self) -> dict[str, TrajectoryErrors]:
+        """Return the errors of each solution under a unique name."""
+        named: dict[str, TrajectoryErrors] = {}
+        for each in self.compared:
+            name = f"{each.run}-smoothed" if each.solution == "smoothed" else each.run
+            numbered = chain([name], (f"{name}-{number}" for number in count(2)))
+            named[next(free for free in numbered if free not in named and free != "reference")] = each.errors
+        return named
+
+
+def compare_solutions(
+    solutions: Sequence[Solution], reference: Trajectory, lever_b: FloatArray | None = None
+) -> Comparison:
+    """Compare solutions with a reference, at their common epochs.
+
+    `lever_b` (3,): the point of the reference seen from the IMU, body axes [m]; None for the antenna of each.
+    Raises: InputError: no epoch common to all solutions and the reference.
+    """
+    errors = []
+    for each in solutions:
+        try:
+            point = each.lever_b if lever_b is None else lever_b
+            errors.append(position_errors(each.trajectory, reference, lever_b=point))
+        except InputError as error:
+            error.where = error.where or each.run
+            raise
+    shared = reduce(np.intersect1d, [each.time for each in errors])
+    if len(shared) == 0:
+        raise InputError(
+            "compare.no_common_time",
+            spans=tuple(
+                f"{of.run}: {each.time[0]:.1f} … {each.time[-1]:.1f} s"
+                for of, each in zip(solutions, errors, strict=True)
+            ),
+        )
+    compared = (
+        Compared(of.run, of.solution, each.rows(np.isin(each.time, shared)))
+        for of, each in zip(solutions, errors, strict=True)
+    )
+    return Comparison(reference, tuple(compared))

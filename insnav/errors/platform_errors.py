@@ -1,4 +1,16 @@
-"""Integrator errors of a platform on a known motion, and platform errors compared with strapdown errors."""
+"""Errors of a platform: integrators on a known motion, oscillations at rest, comparison with strapdown errors.
+
+The error of a level, north-pointing navigator without vertical channel has two parts. The axes of the computed inertial
+frame, with the error ``psi``, rotate with the Earth once a day and with the gyro drift. The horizontal position
+oscillates about the equilibrium of these axes and the accelerometers. This is a Foucault pendulum of the length of the
+Earth's radius, with a period of 84 minutes. Its plane rotates at the Earth's rate times the sine of latitude. Errors
+over time have a closed form, and the periods are found in a record.
+
+References
+----------
+Britting, "Inertial Navigation Systems Analysis", 1971, chapters on the error equations in the general and the local
+level form; Groves (2013), section 14.2 for the equations, section 5.7 for their behaviour.
+"""
 
 from __future__ import annotations
 
@@ -7,17 +19,23 @@ from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import least_squares
 
 from insnav import strapdown
 from insnav.attitude import dcm_from_rph, quat_from_rotvec, quat_from_rph, quat_multiply, rph_from_quat
-from insnav.earth import ned_offset
+from insnav.earth import OMEGA_EARTH, gravity_n, ned_offset, radii
 from insnav.errors.metrics import TrajectoryErrors, position_errors
-from insnav.errors.schuler import StaticErrors, static_errors
+from insnav.exceptions import ConfigError, InputError
 from insnav.gimbal import INTEGRATORS, Integrator, PlatformErrors, PlatformRun, integral, navigate_platform
 from insnav.simulate import Truth, circle, imu_from_truth, reference, straight
 from insnav.types import FloatArray, Trajectory
 from insnav.units import DEG, DEG_PER_H, UG
 
+FAINT = 0.01  # a smaller motion, relative to the whole, has no measurable period
+SEARCH = 0.1  # relative search range around the expected periods
+ComplexArray = NDArray[np.complex128]
+SHORTEST_RECORD = 0.5  # of a day: a shorter record does not separate the slow oscillations
 SINE_STEPS = (40, 80, 160, 320)  # steps over `SINE_END`: coarse enough that no rule reaches rounding
 SINE_END = 5.0
 REST_M_S = 0.1  # a slower error-free platform is at rest
@@ -33,6 +51,150 @@ ERRORS = PlatformErrors(
     drift=np.array([0.01, 0.01, 0.01]) * DEG_PER_H,
     bias=np.array([50.0, 50.0, 0.0]) * UG,
 )
+
+
+@dataclass(frozen=True, slots=True)
+class Periods:
+    """Periods of the error oscillations [s]."""
+
+    schuler: float  # of the pendulum of the Earth's radius, about ``2 pi sqrt(R / g)``
+    foucault: float  # of the rotation of the oscillation plane
+    earth: float | None  # of the Earth's rotation; None if not observable
+
+
+@dataclass(frozen=True, slots=True)
+class StaticErrors:
+    """Errors of a stationary navigator over time."""
+
+    time: FloatArray  # (n,) since the start [s]
+    # (n, 2) North, East [m], [m/s]
+    position: FloatArray
+    velocity: FloatArray
+    tilt: FloatArray  # (n, 3) rotation from the true North, East, Down to the navigator's axes [rad]
+
+
+def periods(lat: float, height: float) -> Periods:
+    """Compute periods of the error oscillations of a stationary navigator.
+
+    `lat`, `height`: latitude [rad] and height [m].
+    Raises: ConfigError: on the equator, where the oscillation plane does not rotate.
+
+    Notes
+    -----
+    ``s^4 + (k_N + k_E + 4 W^2 sin^2(L)) s^2 + k_N k_E = 0`` with ``k = g / R`` of north and east has the roots
+    ``+- i (p +- q)``. ``p^2 = W^2 sin^2(L) + (sqrt(k_N) + sqrt(k_E))^2 / 4`` is the oscillation rate and
+    ``q^2 = W^2 sin^2(L) + (sqrt(k_N) - sqrt(k_E))^2 / 4`` the rate of its plane. On a sphere q is the Foucault rate
+    ``W sin(L)``, on the ellipsoid 0.02 % more at latitude 45 and 1.3 % at latitude 10.
+    """
+    rate, swing = _pendulum(lat, height)
+    if np.sin(lat) == 0.0:
+        raise ConfigError("platform.no_foucault", where="latitude")
+    return Periods(2.0 * np.pi / swing, 2.0 * np.pi / abs(rate), 2.0 * np.pi / OMEGA_EARTH)
+
+
+def static_errors(time: FloatArray, lat: float, height: float, errors: PlatformErrors) -> StaticErrors:
+    """Compute errors of a level, north-pointing navigator at rest without vertical channel, in closed form.
+
+    `time` (n,): times since the start [s]. `lat`, `height`: latitude [rad] and height [m]. `errors`: initial tilt and
+    heading error, constant drift and bias; initial position and velocity are exact.
+
+    Notes
+    -----
+    Exact to first order in the errors, except for the north component of gravity above the ellipsoid: at 5 km 2e-4 of
+    the velocity after a day. With ``psi = phi - dtheta``, tilt phi and position error dtheta as a rotation,
+    ``psi' = -w_ie x psi + d``. With ``k = g / R``, meridian radius R for north and transverse radius for east,
+
+        ``x_N'' + 2 W sin(L) x_E' + k_N x_N =  g psi_E + b_N``
+        ``x_E'' - 2 W sin(L) x_N' + k_E x_E = -g psi_N + b_E``.
+
+    The first equation has a solution with terms 1, t, cos(W t), sin(W t). Each gives a term of the second solution. The
+    pendulum's two free oscillations make initial position and velocity zero.
+    """
+    t = np.asarray(time, dtype=float)
+    lat = float(lat)
+    g = float(gravity_n(lat, height)[2])
+    radius = np.array(radii(lat)) + height
+    omega = OMEGA_EARTH
+    axis = np.array([np.cos(lat), 0.0, -np.sin(lat)])
+
+    # psi(t) = constant + slope t + cosine cos(W t) + sine sin(W t)
+    along_tilt, along_drift = axis * (axis @ errors.tilt), axis * (axis @ errors.drift)
+    across_drift = np.cross(axis, errors.drift) / omega
+    constant = along_tilt - across_drift
+    slope = along_drift
+    cosine = errors.tilt - along_tilt + across_drift
+    sine = -np.cross(axis, errors.tilt) + (errors.drift - along_drift) / omega
+    phase = omega * t[:, None]
+    psi = constant + slope * t[:, None] + cosine * np.cos(phase) + sine * np.sin(phase)
+
+    def pull(vector: ComplexArray | FloatArray) -> ComplexArray:
+        return np.array([g * vector[1], -g * vector[0]], dtype=complex)
+
+    stiffness = np.diag(g / radius)
+    turning = 2.0 * omega * np.sin(lat) * np.array([[0.0, 1.0], [-1.0, 0.0]])
+    # forced part: steady + ramp t + the real part of daily exp(i W t)
+    ramp = np.linalg.solve(stiffness, pull(slope))
+    steady = np.linalg.solve(stiffness, pull(constant) + errors.bias[:2] - turning @ ramp)
+    daily = np.linalg.solve(stiffness - omega**2 * np.eye(2) + 1j * omega * turning, pull(cosine - 1j * sine))
+    forced = steady + ramp * t[:, None] + daily * np.exp(1j * phase)
+    forced_rate = ramp + 1j * omega * daily * np.exp(1j * phase)
+    # free oscillations, whose initial values cancel the forced part
+    own, shape = np.linalg.eig(np.block([[np.zeros((2, 2)), np.eye(2)], [-stiffness, -turning]]))
+    size = np.linalg.solve(shape, -np.concatenate([(steady + daily).real, (ramp + 1j * omega * daily).real]))
+    swing = ((size * np.exp(np.outer(t, own))) @ shape.T).real
+    position, velocity = forced.real + swing[:, :2], forced_rate.real + swing[:, 2:]
+    # dtheta = (dlon cos L, -dL, -dlon sin L)
+    north, east = (position / radius).T
+    tilt = psi + np.column_stack([east, -north, -east * np.tan(lat)])
+    return StaticErrors(t, position, velocity, np.asarray(tilt))
+
+
+def measured_periods(time: FloatArray, position: FloatArray, lat: float, height: float) -> Periods:
+    """Measure periods in a record of position errors at rest, by least squares.
+
+    `time` (n,): since the start [s]. `position` (n, 2): error North, East [m]. `lat`, `height`: latitude [rad] and
+    height [m] for the initial guess.
+    Raises: InputError: the record is shorter than half a day.
+
+    Notes
+    -----
+    The fit of ``x_N + i x_E`` has a constant, a ramp and six circular motions: four of the pendulum and two at the
+    Earth's rate. The three rates are free within a tenth, and all amplitudes are free. It uses nothing of the closed
+    form's amplitudes. An accelerometer bias alone causes no motion at the Earth's rate, which then has no period.
+    """
+    if time[-1] - time[0] < SHORTEST_RECORD * 86400.0:
+        raise InputError(
+            "platform.record_too_short", duration_h=(time[-1] - time[0]) / 3600.0, limit_h=24.0 * SHORTEST_RECORD
+        )
+    t, z = time - time[0], position[:, 0] + 1j * position[:, 1]
+    start = np.array([*_pendulum(lat, height), OMEGA_EARTH])
+
+    def fitted(scale: FloatArray) -> tuple[ComplexArray, ComplexArray]:
+        rate, swing, earth = scale * start
+        fast, slow = rate + swing, rate - swing
+        waves = np.exp(1j * np.outer(t, [fast, slow, -fast, -slow, earth, -earth]))
+        basis = np.column_stack([np.ones_like(t), t / t[-1], waves])
+        amplitude, *_ = np.linalg.lstsq(basis, z, rcond=None)
+        return amplitude, z - basis @ amplitude
+
+    def residual(scale: FloatArray) -> FloatArray:
+        rest = fitted(scale)[1]
+        return np.concatenate([rest.real, rest.imag])
+
+    bounds = (np.full(3, 1.0 - SEARCH), np.full(3, 1.0 + SEARCH))
+    scale = least_squares(residual, np.ones(3), bounds=bounds, x_scale=1e-3, xtol=1e-12, ftol=1e-12, gtol=1e-12).x
+    size = np.abs(fitted(scale)[0])
+    rate, swing, earth = np.abs(scale * start)
+    daily = max(size[6:]) > FAINT * max(size[2:])
+    return Periods(2.0 * np.pi / swing, 2.0 * np.pi / rate, 2.0 * np.pi / earth if daily else None)
+
+
+def _pendulum(lat: float, height: float) -> tuple[float, float]:
+    """Compute the rotation rate of the oscillation plane, and the oscillation rate in that plane [rad/s]."""
+    rate = OMEGA_EARTH * float(np.sin(lat))
+    north, east = np.sqrt(gravity_n(lat, height)[2] / (np.array(radii(lat)) + height))
+    turning = np.sqrt(rate**2 + 0.25 * (north - east) ** 2)
+    return float(np.copysign(turning, rate)), float(np.sqrt(rate**2 + 0.25 * (north + east) ** 2))
 
 
 @dataclass(frozen=True, slots=True)

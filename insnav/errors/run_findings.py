@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from insnav import findings
 from insnav.alignment.static import CONTRADICTED, LONG_REST
 from insnav.attitude import dcm_from_rph
 from insnav.errors.evaluated_run import EvaluatedRun, failure
@@ -18,16 +19,7 @@ from insnav.errors.metrics import TrajectoryErrors, nees
 from insnav.errors.reference_check import delay_shown, turned_in_place
 from insnav.filter.gps_noise import heights_measured
 from insnav.filter.innovation_likelihood import LARGEST
-from insnav.findings import (
-    ASSUMED_POSITION_SD,
-    CORRELATED_POSITIONS,
-    NOT_MEASURED,
-    SUMMED,
-    Code,
-    Finding,
-    Severity,
-    of_code,
-)
+from insnav.findings import Code, Finding, Severity, of_code
 from insnav.input.readers.reading import not_covered
 from insnav.result import Result
 from insnav.tabular import runs_of
@@ -81,6 +73,7 @@ def run_warnings(found: EvaluatedRun) -> tuple[Finding, ...]:
     modes = "filtered", "smoothed"
     too_sure = [each for mode in modes for each in overconfident(mode, stated.get(mode), same_data=same)]
     unusable, lost = failure(found.run), tuple(_lost_heading(found))
+    delay = delay_shown(found.run)  # beyond it, the clocks of samples and fixes leave no definite solution time
     of_drive, of_reference = event_warnings(found.run)
     return (
         *([unusable] if unusable else []),
@@ -88,7 +81,7 @@ def run_warnings(found: EvaluatedRun) -> tuple[Finding, ...]:
         *(() if lost else _impossible_scale(found.run)),
         *([Finding.of(Code.REF_SAME_AS_GPS, subject="ref")] if same else []),
         *of_drive,
-        *_late(found.run),
+        *([Finding.of(Code.RUN_LATE_FIXES, subject="gps", delay_s=delay)] if delay else []),
         *of_reference,
         *_many_rejected(found.run),
         *(() if found.other_drive else too_sure[:1]),
@@ -115,7 +108,7 @@ def file_warnings(result: Result[Any]) -> tuple[Finding, ...]:
 def event_warnings(run: Run) -> tuple[list[Finding], list[Finding]]:
     """Split findings into implausible fixes and samples, and implausible references."""
     begun = run.solution.time[0] + 1.0
-    elsewhere = SUMMED | {Code.ROWS_CUT}
+    elsewhere = findings.SUMMED | {Code.ROWS_CUT}
     serious = [event for event in run.events if event.severity >= Severity.WARNING and event.code not in elsewhere]
     # a problem from the start is less serious than a later fault
     serious.sort(key=lambda event: not event.begin >= begun)
@@ -163,8 +156,8 @@ def _many_rejected(run: Run) -> Iterator[Finding]:
     shares: dict[str, Any] = {}
     rows = []
     for name, key, first, used, by in (
-        ("position", "share", 0, fixes.used_position, NOT_MEASURED | {Code.GATE_RECORD_POSITION}),
-        ("velocity", "velocity_share", 3, fixes.used_velocity, NOT_MEASURED | {Code.GATE_RECORD_VELOCITY}),
+        ("position", "share", 0, fixes.used_position, findings.NOT_MEASURED | {Code.GATE_RECORD_POSITION}),
+        ("velocity", "velocity_share", 3, fixes.used_velocity, findings.NOT_MEASURED | {Code.GATE_RECORD_VELOCITY}),
     ):
         if named & by:
             continue
@@ -182,12 +175,6 @@ def _many_rejected(run: Run) -> Iterator[Finding]:
         _, name, start, stop = max(rows, key=lambda row: row[3] - row[2])
         others: dict[str, Any] = {"count": len(rows) - 1} if rows[1:] else {}
         yield Finding.of(Code.RUN_ROW_REJECTED, start, stop, subject=name, **others)
-
-
-def _late(run: Run) -> Iterator[Finding]:
-    """Report clocks of samples and fixes that differ too much for a definite solution time."""
-    if delay := delay_shown(run):
-        yield Finding.of(Code.RUN_LATE_FIXES, subject="gps", delay_s=delay)
 
 
 def overconfident(name: str, errors: TrajectoryErrors | None, *, same_data: bool) -> list[Finding]:
@@ -303,6 +290,6 @@ def _not_given(result: Result[Any], found: EvaluatedRun) -> Iterator[Finding]:
     if result.imu_model is not None and result.imu_model[1].severity is Severity.ASSUMPTION:
         yield result.imu_model[1]
     noted = {each.code for each in result.findings}
-    of_receiver = noted & CORRELATED_POSITIONS and not noted & ASSUMED_POSITION_SD
+    of_receiver = noted & findings.CORRELATED_POSITIONS and not noted & findings.ASSUMED_POSITION_SD
     if errors is None and of_receiver and not np.isfinite(run.innovations.nis_velocity).any():
         yield Finding.of(Code.RUN_SLOW_ERRORS, subject="gps")

@@ -12,7 +12,7 @@ from insnav.filter.innovation_likelihood import InnovationLikelihood
 from insnav.filter.noise_estimate import NoiseEstimate, NoiseFigure
 from insnav.filter.noise_search import FEWEST, identify, unlike
 from insnav.findings import Code, Finding
-from insnav.fleet.recordings import find_drives
+from insnav.fleet.batch import find_drives
 from insnav.imu.specification import ImuSpec
 from insnav.result import Result
 from insnav.session.drive import Drive, load

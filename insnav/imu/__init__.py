@@ -11,8 +11,7 @@ from __future__ import annotations
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-from insnav.imu.higher_order import ErrorTerms
-from insnav.imu.model import ImuErrors, correct, corrupt, sample_errors, sample_intervals
+from insnav.imu.model import ErrorTerms, ImuErrors, correct, corrupt, sample_errors, sample_intervals
 from insnav.imu.specification import PRESETS, ClockSpec, ImuSpec, InitialSpec, SensorSpec
 
 if TYPE_CHECKING:

@@ -29,9 +29,7 @@ from insnav.config_file import (
 )
 from insnav.exceptions import ConfigError
 from insnav.imu.error_terms import Sensor, terms_of
-from insnav.imu.higher_order import SHAPES, AxisMap, DynamicMap, ErrorTerms
-from insnav.imu.model import ImuErrors
-from insnav.imu.raw_outputs import RawScale
+from insnav.imu.model import SHAPES, AxisMap, DynamicMap, ErrorTerms, ImuErrors, RawScale
 from insnav.units import si_unit
 
 

@@ -4,16 +4,18 @@ from __future__ import annotations
 
 import math
 from dataclasses import Field, dataclass, field, make_dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
 from insnav.imu.error_terms import TERMS, Process
-from insnav.imu.higher_order import zero_matrix, zeros
 from insnav.types import FloatArray
 from insnav.units import G0
 
+# defaults of fields: no error of three axes, or of three rows of three
+zeros, zero_matrix = partial(np.zeros, 3), partial(np.zeros, (3, 3))
 # The grades of IMU that insnav knows by name, from the least to the most accurate.
 # Each is one real part; its ``source`` separates figures of the datasheet from assumed figures. Where a
 # datasheet leaves a choice, the same rules hold for all:

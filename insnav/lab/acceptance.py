@@ -15,8 +15,7 @@ import numpy as np
 
 from insnav.exceptions import ConfigError, InputError
 from insnav.findings import Code, Finding
-from insnav.lab.bench_data.bench_tables import BenchFile
-from insnav.lab.bench_data.records import SI, BenchRecord, Channel
+from insnav.lab.bench_data import SI, BenchFile, BenchRecord, Channel
 from insnav.lab.calibration import about, few
 from insnav.lab.least_squares import linear_fit
 from insnav.lab.noise.allan import AXES, chi_square_interval

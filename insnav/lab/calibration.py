@@ -1,4 +1,4 @@
-"""Common parts of all calibration methods: options, reading, fitting, findings, and a result with uncertainty.
+"""Common parts of all calibration methods: options, reading, fitting, findings, result and its impact.
 
 A method is a module with `read` and `fit` (see `Method`); `METHODS` has the module of each command.
 """
@@ -15,16 +15,20 @@ from typing import Any, Generic, Protocol, TypeVar, cast
 
 import numpy as np
 
+from insnav.earth import radii
 from insnav.exceptions import ConfigError, InputError
 from insnav.findings import Code, Finding
-from insnav.imu.higher_order import zero_matrix, zeros
-from insnav.imu.model import ImuErrors
+from insnav.imu.model import AxisMap, DynamicMap, ImuErrors, correct, corrupt
+from insnav.imu.specification import zero_matrix, zeros
 from insnav.input.formats.table import Table
 from insnav.lab.least_squares import Fit
 from insnav.lab.multi_position.triad import Triad
 from insnav.quantity import Quantity
-from insnav.types import FloatArray
-from insnav.units import G0, UNITS
+from insnav.sample_statistics import rms
+from insnav.simulate.truth import circle, imu_from_truth, reference, straight
+from insnav.strapdown import increments, intervals, navigate
+from insnav.types import FloatArray, ImuData, Trajectory
+from insnav.units import DEG, G0, UNITS
 
 R = TypeVar("R")
 D = TypeVar("D")
@@ -33,11 +37,17 @@ METHODS = {
     "gyro": "single_axis.rate_table",
     "accel": "single_axis.tumble",
     "imu": "rate_sweep.method",
-    "nine": "nine_position.method",
+    "nine": "nine_position",
     "poses": "multi_position.method",
     "rotor": "rotor_inertia",
 }
 WRONG_UNIT = 0.25  # scale factor error beyond every digital sensor in SI units
+MINUTE = 60.0  # of navigation, for the impact of a calibration [s]
+RATE = 50  # of its samples [Hz]
+PLACE = np.array([45.0 * DEG, 0.0, 0.0])  # its start: latitude [rad], longitude [rad], height [m]
+SAMPLES, SEED = 24, 1  # of the true errors
+TURN = 10.0 * DEG  # rate of its circle [rad/s]
+SPEED = 10.0  # on its circle [m/s]
 
 
 @dataclass(frozen=True, slots=True)
@@ -251,3 +261,60 @@ def warming(temperature: FloatArray | None, limit: float) -> tuple[Finding, ...]
         return ()
     low, high = np.min(temperature), np.max(temperature)
     return (Finding.of(Code.BENCH_TEMPERATURE, change_k=high - low, limit_k=limit, low_c=low, high_c=high),)
+
+
+def navigation_impact(errors: ImuErrors, sd: CalibrationSd) -> tuple[Impact, ...]:
+    """Navigate a simulated minute at rest and on a circle, sensors without other errors.
+
+    The true errors are sampled about the calibrated ones with their uncertainty; the calibration corrects the known
+    part. Both navigate from the true state, height-constrained.
+    """
+    known = physical(errors)
+    rng = np.random.default_rng(SEED)
+    truths = [_sampled(known, sd, rng) for _ in range(SAMPLES)]
+    impacts = []
+    for words, motion in (
+        ("at rest", straight(PLACE, 0.0, 0.0, MINUTE)),
+        (f"circle, {SPEED:g} m/s, turning {TURN / DEG:g} deg/s", circle(PLACE, SPEED, TURN, MINUTE)),
+    ):
+        perfect = imu_from_truth(motion, np.arange(int(MINUTE * RATE) + 1) / RATE)
+        path = reference(motion, np.concatenate(([0.0], perfect.time)))
+        measured = [corrupt(perfect, each) for each in truths]
+        without = [_error(path, each) for each in measured]
+        corrected = [_error(path, correct(each, known)) for each in measured]
+        impacts.append(Impact(words, rms(without), rms(corrected)))
+    return tuple(impacts)
+
+
+def _sampled(known: ImuErrors, sd: CalibrationSd, rng: np.random.Generator) -> ImuErrors:
+    gyro_map, terms = known.gyro_map, known.gyro_terms
+    if gyro_map is not None:
+        maps = zip(gyro_map.axes, sd.gyro_map, strict=True)
+        gyro_map = DynamicMap(tuple(_sampled_map(item, spread, rng) for item, spread in maps))
+    if terms is not None:
+        error = sd.g_sensitivity * rng.standard_normal((3, 3))
+        terms = replace(terms, g_sensitivity=terms.g_sensitivity + error)
+    return replace(
+        known,
+        gyro_bias=known.gyro_bias + sd.gyro_bias * rng.standard_normal(3),
+        gyro_matrix=known.gyro_matrix + sd.gyro_matrix * rng.standard_normal((3, 3)),
+        accel_bias=known.accel_bias + sd.accel_bias * rng.standard_normal(3),
+        accel_matrix=known.accel_matrix + sd.accel_matrix * rng.standard_normal((3, 3)),
+        gyro_map=gyro_map,
+        gyro_terms=terms,
+    )
+
+
+def _sampled_map(item: AxisMap | None, spread: FloatArray | None, rng: np.random.Generator) -> AxisMap | None:
+    if item is None or spread is None:
+        return item
+    return replace(item, error=item.error + np.linalg.cholesky(spread) @ rng.standard_normal(item.rate.size))
+
+
+def _error(path: Trajectory, imu: ImuData) -> float:
+    vertical = path.lla[1:, 2], path.v_n[1:, 2]
+    n = len(imu.time)
+    found = navigate(increments(intervals(imu)), path.lla[0], path.v_n[0], path.rph[0], vertical=vertical, every=n)
+    meridian, transverse = radii(path.lla[-1, 0])
+    north, east = (found.lla[-1] - path.lla[-1])[:2]
+    return float(np.hypot(north * meridian, east * transverse * np.cos(path.lla[-1, 0])))

@@ -19,7 +19,7 @@ from insnav.exceptions import ConfigError, InputError
 from insnav.findings import Code, Finding
 from insnav.input.formats.table import Table
 from insnav.input.interpret.schema import schema
-from insnav.lab.bench_data.bench_tables import BenchTable, read_bench
+from insnav.lab.bench_data import BenchTable, read_bench
 from insnav.lab.calibration import BenchOptions, Calibration, CalibrationSd, about, few, measured, outlier
 from insnav.lab.least_squares import Fit, coverage_factor, linear_fit, outliers
 from insnav.types import FloatArray

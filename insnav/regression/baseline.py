@@ -17,8 +17,7 @@ import numpy as np
 
 from insnav.exceptions import InputError, reason_of
 from insnav.output.folder import write_text
-from insnav.regression.accuracy_metrics import BY_KEY
-from insnav.regression.evaluate import NOTHING, Accuracy, CaseResult
+from insnav.regression.evaluate import BY_KEY, NOTHING, Accuracy, CaseResult
 from insnav.types import FloatArray
 from insnav.version import __version__
 

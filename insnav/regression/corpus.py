@@ -38,10 +38,9 @@ from insnav.imu.imu_file import to_toml
 from insnav.input import read_gps, read_imu, read_reference
 from insnav.output.folder import file_sha256
 from insnav.simulate import gps_file as gps_config
-from insnav.simulate.faults import parse_fault
-from insnav.simulate.ideal_sensors import gps_from_truth
 from insnav.simulate.motion import load_profile
-from insnav.simulate.recording import MOTION_STREAM, perfect_imu, simulate_recording, times
+from insnav.simulate.recording import MOTION_STREAM, parse_fault, perfect_imu, simulate_recording, times
+from insnav.simulate.truth import gps_from_truth
 from insnav.types import FloatArray, GpsData, ImuData, Trajectory
 
 Group = Literal["position", "velocity", "attitude", "heading"]

@@ -1,4 +1,7 @@
-"""Accuracy of corpus recordings against references: with all fixes, in outages, free-inertial."""
+"""Accuracy of corpus recordings against references: with all fixes, in outages, free-inertial; its figures of merit.
+
+A figure of merit has a name, a unit, and a criterion for equality.
+"""
 
 from __future__ import annotations
 
@@ -8,25 +11,28 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 
 from insnav.engine import Workers, every
 from insnav.errors.metrics import TrajectoryErrors, nees, position_errors
 from insnav.errors.outage.free_inertial import end_errors
-from insnav.errors.outage.gnss_outage import outages
-from insnav.errors.outage.statistics import horizontal_at
+from insnav.errors.outage.gnss_outage import horizontal_at, outages
 from insnav.exceptions import InputError, InsnavError
 from insnav.filter.navigate import Navigated, aided, navigate_recording
 from insnav.filter.prepare import prepare
 from insnav.findings import Code, ErrorFacts, Finding
-from insnav.regression.accuracy_metrics import FREE, METRICS, OUTAGES
 from insnav.regression.corpus import Corpus, Material, RecordedCase, SimulatedCase, Source, source_of
 from insnav.sample_statistics import rms
 from insnav.simulate.montecarlo import run_seed
 from insnav.types import BoolArray, FloatArray, Run, Trajectory
 from insnav.units import DEG
 
+Kind = Literal["size", "ratio", "cpu"]
+FAILS_FROM = 0.05  # relative worsening that fails, if significant; for most figures
+CAUTION = 0.5  # weight of a too large standard deviation against a too small one
+LIKELY = 1e-3  # floor of innovation likelihoods: a thousandth of a standard deviation in the logarithm
 SLICES = 8  # parts of a recording for comparing predicted and actual error
 _SHORTEST = 0.2  # a last piece with a smaller share of the usual length joins the previous one
 _FAR = 7.0  # NIS / 3 at the end of the gate
@@ -37,6 +43,82 @@ _NEAR = 1.5  # largest distance of a fix from these times [s]
 AnyCase = SimulatedCase | RecordedCase
 SERIES = 8  # master seed
 _made: dict[str, Source] = {}  # source of the current case in this process
+
+
+@dataclass(frozen=True, slots=True)
+class Metric:
+    """Figure of merit."""
+
+    key: str  # key in files, including the unit
+    label: str  # its name in words
+    unit: str
+    # added to every value before ratios are taken [`unit`]: smaller values count as equal, so that rounding on another
+    # computer is no change
+    floor: float
+    kind: Kind = "size"  # a size is better if smaller, a ratio if nearer to one; CPU time has a separate rule
+    fails_from: float = FAILS_FROM
+
+    def logarithm(self, value: FloatArray) -> FloatArray:
+        """Compute the logarithm for comparison by drive, floor added, (n,)."""
+        if self.kind == "ratio":
+            return np.log(np.maximum(value, 1e-6))
+        return np.log(value + self.floor)
+
+    def badness(self, logarithm: float) -> float:
+        """Convert a mean logarithm to badness, smaller is better: for a ratio its distance from one.
+
+        A too large ratio is over-confidence and counts fully; a too small ratio is caution and counts half.
+        """
+        if self.kind != "ratio":
+            return logarithm
+        return logarithm if logarithm > 0.0 else -CAUTION * logarithm
+
+    def typical(self, value: FloatArray) -> float:
+        """Compute the geometric mean of known values, the median for CPU time; NaN without values.
+
+        `value` (n,).
+        """
+        known = value[np.isfinite(value)]
+        if not known.size:
+            return float("nan")
+        if self.kind == "cpu":
+            return float(np.median(known))
+        floor = 1e-6 if self.kind == "ratio" else self.floor
+        return float(max(np.exp(np.mean(np.log(known + floor))) - floor, 0.0))
+
+
+STATISTICS = (("rms", "RMS"), ("p95", "95 %"), ("max", "max"))
+OUTAGES = (30.0, 60.0)  # [s]
+FREE = 60.0  # [s]
+
+
+def _sizes(name: str, words: str, suffix: str, unit: str, floor: float) -> tuple[Metric, ...]:
+    return tuple(Metric(f"{name}_{key}_{suffix}", f"{words}, {text}", unit, floor) for key, text in STATISTICS)
+
+
+METRICS: tuple[Metric, ...] = (
+    *_sizes("north", "north", "m", "m", 1e-3),
+    *_sizes("east", "east", "m", "m", 1e-3),
+    *_sizes("down", "down", "m", "m", 1e-3),
+    Metric("cep50_m", "horizontal, CEP50", "m", 1e-3),
+    *_sizes("velocity", "velocity", "m_s", "m/s", 1e-4),
+    *_sizes("roll_pitch", "roll, pitch", "deg", "deg", 1e-4),
+    *_sizes("heading", "heading", "deg", "deg", 1e-3),
+    Metric("smoothed_horizontal_rms_m", "smoothed, horizontal, RMS", "m", 1e-3),
+    Metric("smoothed_heading_rms_deg", "smoothed, heading, RMS", "deg", 1e-3),
+    *(Metric(f"outage_{t:.0f}s_m", f"{t:.0f} s without GPS", "m", 1e-2) for t in OUTAGES),
+    Metric("free_inertial_60s_m", "free inertial, one minute", "m", 1e-2),
+    Metric("nees_position", "NEES / 3, position", "", 0.0, "ratio"),
+    Metric("nees_velocity", "NEES / 3, velocity", "", 0.0, "ratio"),
+    Metric("nees_attitude", "NEES / 3, attitude", "", 0.0, "ratio"),
+    Metric("nis_position", "NIS / 3, position", "", 0.0, "ratio"),
+    Metric("nis_velocity", "NIS / 3, velocity", "", 0.0, "ratio"),
+    Metric("innovation_position_m", "innovations by likelihood, position", "m", 1e-4, fails_from=LIKELY),
+    Metric("innovation_velocity_m_s", "innovations by likelihood, velocity", "m/s", 1e-5, fails_from=LIKELY),
+    Metric("rejected_fixes", "rejected fixes", "", 1.0),
+    Metric("cpu_ratio", "CPU a sample / calibration loop", "", 0.0, "cpu"),
+)
+BY_KEY = {metric.key: metric for metric in METRICS}
 
 
 @dataclass(frozen=True, slots=True)
@@ -325,13 +407,11 @@ def run_corpus(
     drives: dict[str, list[CaseResult]] = {}
     for (case, _), drive in zip(jobs, every(_attempt, jobs, workers, (data,), progress), strict=True):
         drives.setdefault(case.name, []).append(drive)
-    return Accuracy({name: _together(each) for name, each in drives.items()}, skipped, quick)
-
-
-def _together(drives: list[CaseResult]) -> CaseResult:
-    """Combine the drives of one case."""
-    failures = {number: error for each in drives for number, error in each.failures.items()}
-    return replace(drives[0], measured=joined([each.measured for each in drives]), failures=failures)
+    cases = {}
+    for name, own in drives.items():
+        failures = {number: error for each in own for number, error in each.failures.items()}
+        cases[name] = replace(own[0], measured=joined([each.measured for each in own]), failures=failures)
+    return Accuracy(cases, skipped, quick)
 
 
 def _attempt(data: Path, job: tuple[AnyCase, int]) -> CaseResult:

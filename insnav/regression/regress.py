@@ -14,10 +14,9 @@ import numpy as np
 from insnav.engine import Workers
 from insnav.exceptions import InputError
 from insnav.output.folder import write_text
-from insnav.regression.accuracy_metrics import BY_KEY
 from insnav.regression.baseline import BASELINE_FILE, Baseline, Origin, kept_text, origin, read_baseline, short
 from insnav.regression.corpus import default_corpus, load_corpus
-from insnav.regression.evaluate import Accuracy, run_corpus
+from insnav.regression.evaluate import BY_KEY, Accuracy, run_corpus
 from insnav.regression.peers import PeerRow, run_peers
 from insnav.regression.verdict import Comparison, Verdict, compare, interval
 from insnav.result import Result

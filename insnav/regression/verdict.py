@@ -22,9 +22,8 @@ import numpy as np
 from scipy.special import nctdtrinc, stdtr, stdtrit
 
 from insnav.findings import Code, Finding
-from insnav.regression.accuracy_metrics import METRICS, Metric
 from insnav.regression.baseline import Baseline
-from insnav.regression.evaluate import Accuracy, CaseResult
+from insnav.regression.evaluate import METRICS, Accuracy, CaseResult, Metric
 from insnav.sample_statistics import CONFIDENCE, block_rows
 from insnav.types import FloatArray
 

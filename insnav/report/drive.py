@@ -8,15 +8,12 @@ from matplotlib.figure import Figure
 from insnav.earth import ned_offset
 from insnav.findings import Code, of_code
 from insnav.imu.model import per_sample
-from insnav.report.colours import AXIS_COLOURS
 from insnav.report.figures import draw_drawings, drawing
-from insnav.report.numbers import duration_text
 from insnav.report.panels import Clock, Curve, Kind, Panel
+from insnav.report.style import AXIS_COLOURS, NED, duration_text
 from insnav.steps import Recording
 from insnav.types import FloatArray
 from insnav.units import DEG
-
-_NED = ("north", "east", "down")
 
 
 def drive_figure(recording: Recording) -> Figure:
@@ -29,8 +26,8 @@ def drive_figure(recording: Recording) -> Figure:
     ]
     if gps is not None:
         time, offset = gps.data.time, ned_offset(gps.data.lla, gps.data.lla[0])
-        rows.append(("Fixes, seen from the first", "distance [m]", time, offset, _NED, "points"))
-        rows.append(("Velocity of the fixes", "velocity [m/s]", time, gps.data.v_n, _NED, "points"))
+        rows.append(("Fixes, seen from the first", "distance [m]", time, offset, NED, "points"))
+        rows.append(("Velocity of the fixes", "velocity [m/s]", time, gps.data.v_n, NED, "points"))
     given = recording.given().values()
     gaps = [(each.begin, each.begin + each["gap_s"]) for one in given for each in of_code(one.events, Code.ROWS_GAP)]
     spans = tuple((float(begin), float(end)) for begin, end in clock(np.reshape(gaps, (-1, 2))))

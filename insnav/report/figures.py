@@ -17,9 +17,8 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
 from insnav.messages import speaking
-from insnav.report.colours import BLACK, BLUE, GREEN, GREY, ORANGE, VERMILLION
-from insnav.report.numbers import distance_text
 from insnav.report.panels import Curve, Drawing, Panel, Track, envelope, limits_of, modes, thinned
+from insnav.report.style import BLACK, BLUE, GREEN, GREY, ORANGE, VERMILLION, distance_text
 from insnav.types import FloatArray
 
 DOTS_PER_INCH = 130

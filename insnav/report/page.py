@@ -1,14 +1,17 @@
 """Structure of every report: sections of quantities and figures, written as text, as a page and as JSON.
 
-A report contains each quantity once. `insnav.report.terminal`, `insnav.report.html` and `insnav.report.run_json` are
+A report contains each quantity once. `insnav.report.terminal`, `insnav.report.html` and `insnav.report.save` are
 the three writers; they are independent of the subject of a report.
 """
 
 from __future__ import annotations
 
+import tomllib
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
+from operator import attrgetter
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
@@ -17,7 +20,7 @@ from insnav.findings import Code, Finding, Severity
 from insnav.messages import At, form, moment, phrase, render, sentence, shows_time
 from insnav.plain_text import plain_text
 from insnav.quantity import Quantity
-from insnav.report.numbers import number, rounded
+from insnav.report.style import number, rounded
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure as Figure
@@ -233,6 +236,27 @@ def beside(*sections: Section) -> Section:
     """Join drawings with a map first. On a wide page the map stays in view next to the others."""
     panels, figures = (tuple(one for each in sections for one in getattr(each, k)) for k in ("panels", "figures"))
     return Section("", panels=panels, figures=figures)
+
+
+@cache
+def _tables() -> dict[str, dict[str, dict[str, dict[str, Any]]]]:
+    return tomllib.loads(Path(__file__).with_name("tables.toml").read_text(encoding="utf-8"))
+
+
+def of_table(name: str, found: object = None, /, **values: Any) -> tuple[Quantity, ...]:
+    """Build the quantities of one row, or single ones, with units, labels and precision from ``tables.toml``.
+
+    `name`: of the table, such as ``check.gps``. `found`: has the values as attributes, except `values` by key.
+    """
+    kind, part = name.split(".")
+    return tuple(_of_column(key, column, found, values) for key, column in _tables()[kind][part].items())
+
+
+def _of_column(key: str, column: Mapping[str, Any], found: object, values: Mapping[str, Any]) -> Quantity:
+    value = values[key] if key in values else attrgetter(column.get("of", key))(found)
+    own = {name: attrgetter(column[name])(found) for name in ("sd", "interval") if name in column}
+    how = {name: column[name] for name in ("unit", "meaning", "digits", "decimals") if name in column}
+    return Quantity(key, value, **own, **how)
 
 
 def only_json(key: str, *items: Quantity, parts: tuple[Section, ...] = ()) -> Section:

@@ -52,7 +52,8 @@ class Clock:
 
     def moment(self, begin: float, end: float) -> str:
         """Format a time of the data, or a span [s], in axis units."""
-        first, *rest = (self._decimal(abs(time - self.start) + self.start) for time in dict.fromkeys((begin, end)))
+        form_of, times = {"s": ".1f", "min": ".2f", "h": ".4f"}[self.unit], dict.fromkeys((begin, end))
+        first, *rest = (format(self(abs(time - self.start) + self.start), form_of) for time in times)
         until, before = f" {form('until')} ", form("before_start")
         if begin >= self.start:
             return f"{until.join((first, *rest))} {self.unit}"
@@ -63,10 +64,6 @@ class Clock:
     def sentence(self, finding: Finding) -> str:
         """Write a finding as a sentence, with times in axis units."""
         return sentence(finding, at=self.moment)
-
-    def _decimal(self, time: float) -> str:
-        decimals = {"s": 1, "min": 2, "h": 4}[self.unit]
-        return f"{self(time):.{decimals}f}"
 
 
 def envelope(
@@ -141,7 +138,7 @@ class Curve:
     name: str  # empty: not in the legend
     x: FloatArray  # (n,); of bars: their right ends
     y: FloatArray  # (n,); of a band: its upper edge; of bars: the row, 0 at the top
-    colour: str  # "#RRGGBB", from `insnav.report.colours`; the dark page lightens it
+    colour: str  # "#RRGGBB", from `insnav.report.style`; the dark page lightens it
     kind: Kind = "line"
     low: FloatArray | None = None  # (n,) lower edge of a band, left ends of bars
     mode: str = ""  # switch position of the page that shows it, such as "filtered"; empty: always

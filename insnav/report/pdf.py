@@ -12,9 +12,9 @@ from matplotlib.backends.backend_pdf import PdfPages
 from matplotlib.figure import Figure
 
 from insnav.plain_text import plain_text
-from insnav.report.colours import GREEN, GREY, ORANGE, VERMILLION
 from insnav.report.figures import drawing
 from insnav.report.page import FigureSpec, Page, cell
+from insnav.report.style import GREEN, GREY, ORANGE, VERMILLION
 from insnav.version import __version__
 
 WIDTH, HEIGHT, _MARGIN = 8.27, 11.69, 0.6  # A4 [inch]

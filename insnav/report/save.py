@@ -1,43 +1,172 @@
-"""Saving and reading of results: tables, figures, page, ``run.json``, with their provenance last on every page.
+"""Table of the explanation of a record: faults considered, their gain, and their effect.
+
+Saving and reading of results: tables, figures, page, ``run.json``, with their provenance last on every page.
 
 A kind of result is a subpackage, found by its name: ``insnav.report.<kind>.page`` has ``page(result)``, which returns a
 `Page`, and ``frame(result)`` for its main table. Optional functions: ``texts(result)`` for text files by name,
 ``write_files(result, folder, table_format)`` for other files, ``text(result, width)`` for the terminal. A result is
 stored whole and read back, unless ``read_found(folder, findings)`` reads the files instead.
+
+``run.json`` contains the quantities of a report, with units in the keys, and software versions. Unknown values are
+None. The content depends on the input alone, not on clock or machine.
 """
 
 from __future__ import annotations
 
+import math
+import platform
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from importlib import import_module
+from enum import Enum
+from importlib import import_module, metadata
+from itertools import islice
 from pathlib import Path
 from types import ModuleType
 from typing import Any, Literal, cast
 
+import numpy as np
+
 from insnav.exceptions import ConfigError, InputError, writing
+from insnav.explain.explanation import Explanation, Tried
 from insnav.findings import MODEL_CHOICES, Code, Finding, Severity, is_shown, of_code
 from insnav.imu.imu_file import load_imu
 from insnav.imu.specification import ImuSpec
 from insnav.input.readers.reading import ReadingFacts
-from insnav.messages import language, render, sentence, speaking
+from insnav.messages import language, phrase, render, sentence, speaking
 from insnav.output.folder import FACTS_FILE, RunFolder, read_facts
 from insnav.output.solution_tables import TableFormat, read_events
 from insnav.output.stored import FILE as STORED_FILE
 from insnav.output.stored import read_stored, store
 from insnav.plain_text import NOT_UTF8
 from insnav.quantity import Quantity, quantity_of
-from insnav.report.explanation import explanation_section
-from insnav.report.page import DataFrame, Figure, FigureSpec, Page, Section, cell, only_json
-from insnav.report.run_json import SCHEMA, json_ready, page_facts, versions
+from insnav.report.page import DataFrame, Figure, FigureSpec, Page, Section, cell, of_table, only_json
 from insnav.report.terminal import page_text
 from insnav.result import Result
+from insnav.version import __version__
 
+MOST = 8  # rows
+# of ``run.schema.json``: major version for removed or changed keys, minor version for new keys
+SCHEMA = "2.0"
+_VERSIONS_OF = ("numpy", "scipy", "numba", "filterpy", "pyarrow", "matplotlib")
 EXPLANATION_FILE = "explanation.npz"
 FigureFiles = Literal["page", "png", "svg", "none"]
 _TABLE = ("path", "n_used", "start", "end", "rate", "n_gaps", "longest_gap", "axes", "sampling", "stamp", "height")
 _TIMES = ("start", "end")
 _SENSORS = {"gyro": ("Gyros", "deg/h", "deg/sqrt(h)"), "accel": ("Accelerometers", "mg", "m/s/sqrt(h)")}
+
+
+def explanation_section(found: Explanation) -> Section:
+    """Build the table, best first; folded if no fault was accepted."""
+    items = of_table("explanation.search", found, considered=len(found.tried))
+    rows = tuple(_row(row) for row in found.tried[:MOST])
+    table = Section("rows", "Considered faults", rows=rows, note=phrase("explanation.note"), show="page")
+    folded = not any(row.accepted for row in found.tried)
+    return Section("explanation", "Explanation", items, parts=(table,), show="page", folded=folded)
+
+
+def explanation_line(found: Explanation) -> str:
+    """Summarise the explanation in one line."""
+    values = {"count": len(found.tried), "accepted": sum(row.accepted for row in found.tried), "passes": found.passes}
+    return phrase("explanation.some" if values["accepted"] else "explanation.none", **values)
+
+
+def _row(row: Tried) -> tuple[Quantity, ...]:
+    return (
+        Quantity("fault", phrase(f"fault.{row.name}")),
+        Quantity("begin", row.begin, "s", decimals=1),
+        Quantity("end", row.end if np.isfinite(row.end) else None, "s", decimals=1),
+        Quantity("gain", row.gain),
+        Quantity("prior", row.prior, meaning="prior cost"),
+        Quantity("accepted", row.accepted),
+        Quantity("size", row.size, row.unit),
+        Quantity("changed", _changed(row)),
+    )
+
+
+def _changed(row: Tried) -> tuple[str, ...]:
+    """Describe the effect of a fault."""
+    fixes = {"left_out": row.left_out, "moved": row.moved}
+    words = tuple(phrase(f"explanation.{how}", count=count) for how, count in fixes.items() if count)
+    how = row.name if row.name in ("rough", "delay") else "corrected"
+    return words if words or not row.accepted else (phrase(f"explanation.{how}"),)
+
+
+def page_facts(page: Page) -> dict[str, Any]:
+    """Convert a report to one nested dict for JSON.
+
+    Returns: quantities under the key of each section, units in the keys, with table rows as a list. Last: ``verdict``
+    if present, ``summary``, ``method`` and ``findings``.
+    """
+    facts = section_facts(page.sections)
+    if page.verdict is not None:
+        facts["verdict"] = {name: getattr(page.verdict, name) for name in ("light", "reason", "sentence")}
+    texts = {name: list(getattr(page, name)) for name in ("summary", "method")}
+    return facts | texts | {"findings": [each.as_dict() for each in page.findings]}
+
+
+def section_facts(sections: Sequence[Section]) -> dict[str, Any]:
+    """Convert sections to one nested dict for JSON."""
+    facts: dict[str, Any] = {}
+    for section in sections:
+        _put(facts, section)
+    ready: dict[str, Any] = json_ready(facts)
+    return ready
+
+
+def _put(facts: dict[str, Any], section: Section) -> None:
+    content: dict[str, Any] = {} if section.key else facts
+    for each in section.items:
+        content |= each.facts()
+    for part in section.parts:
+        _put(content, part)
+    rows = [{key: value for each in row for key, value in each.facts().items()} for row in section.rows]
+    if section.keyed:
+        for row, found in zip(section.rows, rows, strict=True):
+            content[str(row[0].value)] = dict(islice(found.items(), 1, None))
+        rows = []
+    if not section.key:
+        return
+    if section.key.endswith("[]"):
+        facts.setdefault(section.key.removesuffix("[]"), []).append(content)
+        return
+    old = facts.get(section.key, {})
+    if section.rows and not section.keyed and not content:
+        facts[section.key] = rows
+    elif content or rows:
+        facts[section.key] = {**(old if isinstance(old, dict) else {}), **content, **({"rows": rows} if rows else {})}
+    elif not (old or section.parts or section.figures):
+        facts[section.key] = {} if section.keyed else []  # a table without rows
+
+
+def json_ready(value: Any) -> Any:
+    """Convert arrays, paths and similar to JSON types; a number that is not finite becomes None."""
+    if isinstance(value, Mapping):
+        return {str(key): json_ready(item) for key, item in value.items()}
+    if isinstance(value, Enum):
+        return json_ready(value.value)
+    if isinstance(value, str | bool) or value is None:
+        return value
+    if isinstance(value, np.ndarray | np.generic):
+        return json_ready(value.tolist())
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    if isinstance(value, int):
+        return value
+    if isinstance(value, Sequence | set | frozenset) and not isinstance(value, bytes):
+        items = sorted(value) if isinstance(value, set | frozenset) else value
+        return [json_ready(item) for item in items]
+    return value.as_posix() if isinstance(value, Path) else str(value)
+
+
+def versions() -> dict[str, str | None]:
+    """Return the versions of insnav, Python and the packages that affect results."""
+    found: dict[str, str | None] = {"insnav": __version__, "python": platform.python_version()}
+    for name in _VERSIONS_OF:
+        try:
+            found[name] = metadata.version(name)
+        except metadata.PackageNotFoundError:
+            found[name] = None
+    return found
 
 
 def page_of(result: Result[Any]) -> Page:

@@ -23,10 +23,17 @@ from insnav.input.readers.imu import SLOWEST_ALONE
 from insnav.input.readers.rows import read_rows
 from insnav.lab.acceptance import Acceptance
 from insnav.lab.acceptance import acceptance as acceptance_figures
-from insnav.lab.bench_data.records import read_drift, read_powerups, read_static, read_steps
-from insnav.lab.calibration import STANDARD, BenchOptions, Calibration, badly_conditioned, carried_over, method_named
-from insnav.lab.drift.allan_before_after import DriftStudy, drift_study
-from insnav.lab.navigation_impact import navigation_impact
+from insnav.lab.bench_data import read_drift, read_powerups, read_static, read_steps
+from insnav.lab.calibration import (
+    STANDARD,
+    BenchOptions,
+    Calibration,
+    badly_conditioned,
+    carried_over,
+    method_named,
+    navigation_impact,
+)
+from insnav.lab.drift import DriftStudy, drift_study
 from insnav.lab.noise.allan import between
 from insnav.lab.noise.static_noise import SignalNoise, StaticNoise, signal_noise, static_noise
 from insnav.result import Result

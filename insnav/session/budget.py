@@ -15,8 +15,7 @@ from insnav.errors.budget.from_windows import (
     window_start_sources,
     with_recorded,
 )
-from insnav.errors.budget.sampled_motion import SampledMotion, at_rest, first_movement, sampled
-from insnav.errors.budget.sources import Source
+from insnav.errors.budget.sources import SampledMotion, Source, at_rest, first_movement, sampled
 from insnav.exceptions import ConfigError
 from insnav.findings import Code, Finding
 from insnav.imu.specification import ImuSpec
@@ -58,7 +57,7 @@ def motion_of(
     """Build the motion of a budget without a recorded drive: a part of a profile, or rest.
 
     `profile`: name or file of a profile. `begin`: start after the profile's start [s]; by default 1 s before it moves.
-    `rest`: place, for `insnav.errors.budget.sampled_motion.at_rest`.
+    `rest`: place, for `insnav.errors.budget.sources.at_rest`.
     Raises: ConfigError: a start without a profile, a place with a profile, or an unknown profile.
     """
     duration = max(settings.times)

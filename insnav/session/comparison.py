@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Unpack
 
 import numpy as np
 
-from insnav.errors.comparison import Comparison, Solution, compare_solutions
 from insnav.errors.evaluated_run import EvaluatedRun, fixed_epochs, same_positions
+from insnav.errors.metrics import Comparison, Solution, compare_solutions
 from insnav.errors.reference_check import check_reference
 from insnav.exceptions import InputError
 from insnav.findings import Code, Finding

@@ -18,7 +18,7 @@ from insnav.deferred import library
 from insnav.engine import Workers, share_of
 from insnav.errors.evaluated_run import EvaluatedRun, fixed_epochs
 from insnav.errors.metrics import at_point
-from insnav.errors.outage.windows import LENGTHS, WindowReference, reference_from_trajectory
+from insnav.errors.outage.free_inertial import LENGTHS, WindowReference, reference_from_trajectory
 from insnav.errors.run_findings import judged
 from insnav.exceptions import AlignmentError, ConfigError, as_keywords
 from insnav.filter.agreement import without_rejected
@@ -287,7 +287,7 @@ class Drive:
         done = self.until("evaluate", Task(states, aiding, smooth, output_interval, progress))
         ready, found = done.ready, done.evaluated
         if mechanization == "short":
-            from insnav.errors.short_duration_errors import short_windows
+            from insnav.errors.evaluated_run import short_windows
 
             windows = short_windows(ready.imu, found.run.solution, found.run.sensor_errors)
             found = replace(found, short_duration=tuple(windows))
@@ -351,8 +351,7 @@ class Drive:
         ConfigError, InputError, AlignmentError
             Invalid windows, or data that cannot be navigated.
         """
-        from insnav.errors.outage.gnss_outage import OutageStudy, outages
-        from insnav.errors.outage.statistics import common_error, outage_growth
+        from insnav.errors.outage.gnss_outage import OutageStudy, common_error, outage_growth, outages
 
         lengths = [float(length) for length in np.ravel(lengths)]
         share = 0.4  # share of the run in the work

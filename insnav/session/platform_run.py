@@ -32,7 +32,7 @@ def platform(
     height: float = 0.0,
     v_n: Sequence[float] = (0.0, 0.0, 0.0),
     *,
-    errors: PlatformErrors | Mapping[str, FloatArray] | None = None,
+    errors: Mapping[str, FloatArray] | None = None,
     integrator: Integrator = "fourth",
     vertical: Vertical = "off",
     gravity: float | None = None,
@@ -49,7 +49,7 @@ def platform(
         Position at the start [rad], [rad], [m].
     v_n : sequence of float
         Velocity North, East, Down at the start [m/s].
-    errors : mapping or insnav.gimbal.PlatformErrors, optional
+    errors : mapping, optional
         Errors of the platform and its sensors: ``tilt``, ``drift``, ``bias``, each North, East, Down; by default none.
     integrator : {"forward", "backward", "mean", "fourth"}
         Integrator of the returned solution; all are compared.
@@ -89,17 +89,17 @@ def platform(
     time, f_n = samples.data.time, samples.data.f_n
     if vertical != "off" and np.isnan(f_n[:, 2]).all():
         raise InputError("platform.no_vertical_axis", where=samples.facts.path, option=vertical)
-    errors = errors if isinstance(errors, PlatformErrors) else PlatformErrors(**errors or {})
+    of_platform = PlatformErrors(**errors or {})
     start = np.array([lat, (lon + np.pi) % (2.0 * np.pi) - np.pi, height])
-    how: dict[str, Any] = {"vertical": vertical, "gravity": gravity, "errors": errors}
+    how: dict[str, Any] = {"vertical": vertical, "gravity": gravity, "errors": of_platform}
     how |= {"height": None if given is None else _heights(given.data, time)}
     how |= {"every": max(1, round(interval / float(np.median(np.diff(time)))))}
     runs = {name: navigate_platform(time, f_n, start, np.array(v_n), integrator=name, **how) for name in INTEGRATORS}
-    study = PlatformStudy(integrator, runs, errors, None if reference is None else reference.data)
+    study = PlatformStudy(integrator, runs, of_platform, None if reference is None else reference.data)
     named = {"force": samples, "height": given, "ref": reference}
     facts = {name: each.facts for name, each in named.items() if each is not None}
     options = {"lat": lat, "lon": lon, "height": height, "v_n": v_n, "integrator": integrator, "vertical": vertical}
-    options |= {"gravity": gravity, "interval": interval, **asdict(errors)}
+    options |= {"gravity": gravity, "interval": interval, **asdict(of_platform)}
     findings = (*_assumptions(study), *samples.facts.evidence, *samples.events)
     return Result("platform", study, facts, options, findings=findings)
 

@@ -9,13 +9,10 @@ from typing import Any, TypedDict, Unpack
 import numpy as np
 
 from insnav.engine import Workers
-from insnav.errors.budget.sampled_motion import REST, first_movement, sampled
-from insnav.errors.requirement.aided import aided_covariances, propagation
-from insnav.errors.requirement.allocation import allocate
-from insnav.errors.requirement.limit import Component, Requirement
-from insnav.errors.requirement.parts import candidates, remedies
-from insnav.errors.requirement.sensitivity import start_shares
-from insnav.errors.requirement.study import LARGER, RequirementStudy, Verified, verify
+from insnav.errors.budget.sources import REST, first_movement, sampled
+from insnav.errors.requirement.aided import aided_covariances, propagation, start_shares
+from insnav.errors.requirement.allocation import Component, Requirement, allocate
+from insnav.errors.requirement.study import LARGER, RequirementStudy, Verified, candidates, remedies, verify
 from insnav.exceptions import ConfigError
 from insnav.findings import Code, Finding
 from insnav.imu import ImuSpec, load_imu

@@ -14,12 +14,19 @@ from insnav.imu.specification import ImuSpec
 from insnav.input import Reading, read_reference
 from insnav.session.drive import Drive, drive_of
 from insnav.session.read import in_memory
-from insnav.simulate.faults import Fault, parse_fault
-from insnav.simulate.gps_errors import GpsSpec
 from insnav.simulate.gps_file import load_gps
 from insnav.simulate.montecarlo import run_seed
 from insnav.simulate.motion import load_profile
-from insnav.simulate.recording import MOTION_STREAM, Recording, perfect_imu, simulate_recording, temperature_ramp
+from insnav.simulate.recording import (
+    MOTION_STREAM,
+    Fault,
+    Recording,
+    parse_fault,
+    perfect_imu,
+    simulate_recording,
+    temperature_ramp,
+)
+from insnav.simulate.sensor_errors import GpsSpec
 from insnav.simulate.truth import Truth
 from insnav.simulate.truth_from_track import Residual, track_residual, truth_from_track
 from insnav.steps.given import one_of

@@ -17,10 +17,17 @@ import sys
 from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
-from insnav.simulate.gps_errors import GpsErrors, corrupt_gps, without_fixes
-from insnav.simulate.ideal_sensors import gps_from_truth, imu_from_truth, reference
-from insnav.simulate.imu_errors import ImuSimulation, corrupt_imu
-from insnav.simulate.truth import Kinematics, LevelTruth, Truth, circle, straight
+from insnav.simulate.sensor_errors import GpsErrors, ImuSimulation, corrupt_gps, corrupt_imu, without_fixes
+from insnav.simulate.truth import (
+    Kinematics,
+    LevelTruth,
+    Truth,
+    circle,
+    gps_from_truth,
+    imu_from_truth,
+    reference,
+    straight,
+)
 
 if TYPE_CHECKING:
     from insnav.session.drive import Drive

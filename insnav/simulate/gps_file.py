@@ -14,8 +14,7 @@ from pydantic import Field, PlainValidator, model_validator
 
 from insnav.config_file import Axes, Table, axes, preset_or_file, quantity, read_toml, scalar, similar, validate, wrong
 from insnav.exceptions import ConfigError
-from insnav.simulate.gps_errors import GpsErrors, GpsSpec
-from insnav.simulate.imu_errors import RandomSpells
+from insnav.simulate.sensor_errors import GpsErrors, GpsSpec, RandomSpells
 
 _FOLDER = Path(__file__).parent / "receivers"
 PRESETS = ("single", "dgps", "rtk", "urban")

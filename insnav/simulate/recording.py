@@ -1,27 +1,298 @@
-"""Simulated recording: an exact motion measured by an IMU and a receiver sampled from their specifications."""
+"""Simulated recording: an exact motion measured by an IMU and a receiver sampled from their specifications, and faults.
+
+Deliberate faults in data are errors of receivers, sensors and loggers, as pure functions and by name. A fault is
+written ``VERB[:SIZE][@TIME[+LENGTH]]``, times in seconds after the first sample. `VERBS` lists the verbs with examples;
+``trajectories/README.md`` describes them.
+"""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass
+import re
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
+from insnav.config_file import similar
+from insnav.earth import lla_offset
 from insnav.exceptions import ConfigError
 from insnav.imu import ImuErrors, ImuSpec
-from insnav.simulate import gps_errors as receiver
-from insnav.simulate.faults import Fault
-from insnav.simulate.gps_errors import GpsSpec
-from insnav.simulate.ideal_sensors import gps_from_truth, imu_from_truth, reference
-from insnav.simulate.imu_errors import corrupt_imu
-from insnav.simulate.truth import Truth
-from insnav.types import FloatArray, GpsData, ImuData, Sampling, Trajectory
+from insnav.quantity_text import parse_quantity
+from insnav.simulate.sensor_errors import GpsSpec, corrupt_imu, measure_gps, without_fixes
+from insnav.simulate.truth import Truth, gps_from_truth, imu_from_truth, reference
+from insnav.types import BoolArray, FloatArray, GpsData, ImuData, Sampling, Trajectory
+from insnav.units import DEG, G0, UNITS
 
+NORTH_EAST = np.array([0.6, 0.8, 0.0])
+_AXES = ("gyro-x", "gyro-y", "gyro-z", "accel-x", "accel-y", "accel-z")
+_ALWAYS = "imu-units", "imu-axes"  # apply to all samples
+_DIRECTIONS = {"F": (0, 1.0), "B": (0, -1.0), "R": (1, 1.0), "L": (1, -1.0), "D": (2, 1.0), "U": (2, -1.0)}
 REFERENCE_RATE = 10.0  # [Hz]
 IDEAL_GPS_RATE = 1.0  # of an error-free receiver [Hz]
 SLOWEST, FASTEST = 1.0, 10_000.0  # plausible sampling rates [Hz]
 MOTION_STREAM, _IMU_STREAM, _GPS_STREAM = 0, 1, 2  # random streams of a seed, one per source of randomness
+
+
+@dataclass(frozen=True, slots=True)
+class Fault:
+    """Fault of a recording."""
+
+    verb: str  # type of the fault; see `VERBS`
+    # size in SI units; an axis, a unit or three directions for some faults
+    size: float | str | None = None
+    begin: float = -math.inf  # start after the first sample [s]; by default all data
+    length: float = math.inf  # duration [s]; infinite by default
+
+    def apply(self, imu: ImuData, gps: GpsData, start: float | None = None) -> tuple[ImuData, GpsData]:
+        """Apply the fault to copies of the data.
+
+        Times count from `start` [s], by default the first sample. Faulty data may violate the order and finiteness of
+        their types.
+        """
+        begin = self.begin + (float(imu.time[0]) if start is None else start)
+        span = (begin, begin + self.length) if begin > -math.inf else (-math.inf, math.inf)
+        change = VERBS[self.verb].change
+        if self.verb.startswith("gps-"):
+            return imu, change(gps, self.size, span)
+        return change(imu, self.size, span), gps
+
+
+def parse_fault(text: str) -> Fault:
+    """Parse a fault as written on the command line, such as ``gps-jump:60m@120s+8s``.
+
+    Raises: ConfigError: an unknown verb, or a missing, unexpected or invalid size or time.
+    """
+    found = re.fullmatch(r"([^:@]+)(?::([^@]+))?(?:@([^+]+)(?:\+(.+))?)?", text.strip())
+    name = found[1] if found else text.split(":")[0]
+    if found is None or name not in VERBS:
+        raise ConfigError("sim.unknown_fault", where="--fault", fault=text[:100], **similar(name, VERBS))
+    verb, where, example = VERBS[name], f"--fault {text}", VERBS[name].example
+    if (found[2] is None) != (verb.size is None):
+        raise ConfigError(
+            "sim.fault_without_size" if found[2] is None else "sim.fault_with_size",
+            where=where,
+            verb=name,
+            example=example,
+        )
+    if found[3] is not None and name in _ALWAYS:
+        raise ConfigError("sim.fault_with_time", where=where, verb=name, example=example)
+    if found[3] is None and "@" in example:
+        raise ConfigError("sim.fault_without_time", where=where, verb=name, example=example)
+    if found[4] is None and "+" in example and name != "gps-jump":
+        raise ConfigError("sim.fault_without_length", where=where, verb=name, example=example)
+    try:
+        size = verb.size(found[2]) if verb.size is not None else None
+        begin = -math.inf if found[3] is None else _seconds(found[3])
+        length = math.inf if found[4] is None else _seconds(found[4])
+    except ConfigError as error:
+        error.where = where
+        raise
+    if (found[3] is not None and begin < 0.0) or length <= 0.0:
+        raise ConfigError("sim.fault_times", where=where, example=example)
+    return Fault(name, size, begin, length)
+
+
+def gps_spike(gps: GpsData, size: float, span: tuple[float, float]) -> GpsData:
+    """Move the first fix at or after the start of `span` by `size` [m]."""
+    rows = np.arange(gps.time.shape[0]) == int(np.searchsorted(gps.time, span[0] - 1e-6))
+    return _moved(gps, rows * float(size))
+
+
+def gps_jump(gps: GpsData, size: float, span: tuple[float, float]) -> GpsData:
+    """Move the fixes in `span` by `size` [m]."""
+    return _moved(gps, _inside(gps.time, span) * float(size))
+
+
+def gps_drag(gps: GpsData, size: float, span: tuple[float, float]) -> GpsData:
+    """Move the fixes by `size` [m/s] times the time since the start of `span`; the final offset remains afterwards."""
+    return _moved(gps, float(size) * np.clip(gps.time - span[0], 0.0, span[1] - span[0]))
+
+
+def gps_flap(gps: GpsData, size: float, span: tuple[float, float]) -> GpsData:
+    """Move four of five fixes in `span` by `size` [m], each in another direction."""
+    rows = np.flatnonzero(_inside(gps.time, span))
+    off = np.zeros((gps.time.shape[0], 3))
+    angle = 2.4 * np.arange(rows.shape[0])  # successive directions differ
+    off[rows] = float(size) * np.column_stack([np.cos(angle), np.sin(angle), np.zeros_like(angle)])
+    off[rows[::5]] = 0.0
+    return replace(gps, lla=lla_offset(gps.lla, off))
+
+
+def gps_latency(gps: GpsData, size: float, span: tuple[float, float]) -> GpsData:
+    """Delay the timestamps of the fixes in `span` by `size`."""
+    late = gps.time + size * _inside(gps.time, span)
+    order = np.argsort(late, kind="stable")
+    return replace(gps.rows(order), time=late[order])
+
+
+def gps_sd(gps: GpsData, size: float, span: tuple[float, float]) -> GpsData:
+    """Multiply the reported standard deviations in `span` by `size`."""
+    factor = np.where(_inside(gps.time, span), size, 1.0)[:, None]
+    return replace(gps, position_sd=gps.position_sd * factor, velocity_sd=gps.velocity_sd * factor)
+
+
+def gps_duplicate(gps: GpsData, size: None, span: tuple[float, float]) -> GpsData:
+    """Repeat the fix at the start of `span`, with an error of ten metres."""
+    row = _first(gps.time, span)
+    again = gps.rows(np.insert(np.arange(gps.time.shape[0]), row + 1, row))
+    lla = again.lla.copy()
+    lla[row + 1] = lla_offset(lla[row + 1], 10.0 * NORTH_EAST)
+    return replace(again, lla=lla)
+
+
+def gps_shuffle(gps: GpsData, size: None, span: tuple[float, float]) -> GpsData:
+    """Reverse the order of the rows in `span`."""
+    order = np.arange(gps.time.shape[0])
+    inside = _inside(gps.time, span)
+    order[inside] = order[inside][::-1]
+    return gps.rows(order)
+
+
+def imu_clip(imu: ImuData, size: str, span: tuple[float, float]) -> ImuData:
+    """Clip gyros or accelerometers in `span` to a range; increments to its share of an interval."""
+    dimension, limit = _sensor_quantity(str(size))
+    largest = np.where(_inside(imu.time, span), limit * _scale(imu), np.inf)[:, None]
+    gyro, accel = (largest, np.inf) if dimension == "rate" else (np.inf, largest)
+    return replace(imu, gyro=np.clip(imu.gyro, -gyro, gyro), accel=np.clip(imu.accel, -accel, accel))
+
+
+def imu_stuck(imu: ImuData, size: str, span: tuple[float, float]) -> ImuData:
+    """Hold an axis, or ``all``, at its value at the start of `span`."""
+    rows = np.flatnonzero(_inside(imu.time, span))
+    values = np.hstack([imu.gyro, imu.accel])
+    if rows.size:
+        columns = slice(None) if size == "all" else _AXES.index(str(size))
+        values[rows, columns] = values[rows[0], columns]
+    return replace(imu, gyro=values[:, :3].copy(), accel=values[:, 3:].copy())
+
+
+def imu_spike(imu: ImuData, size: str, span: tuple[float, float]) -> ImuData:
+    """Add a spike to one sample, of the z gyro or of the x accelerometer."""
+    dimension, value = _sensor_quantity(str(size))
+    row = _first(imu.time, span)
+    gyro, accel = imu.gyro.copy(), imu.accel.copy()
+    if dimension == "rate":
+        gyro[row, 2] += value * _scale(imu)
+    else:
+        accel[row, 0] += value * _scale(imu)
+    return replace(imu, gyro=gyro, accel=accel)
+
+
+def _seconds(text: str) -> float:
+    return parse_quantity(text if text.strip()[-1:].isalpha() else f"{text} s", "time")
+
+
+def _quantity(dimension: str) -> Callable[[str], float]:
+    return lambda text: parse_quantity(text, dimension)
+
+
+def _factor(text: str) -> float:
+    value = parse_quantity(f"{text} 1", "ratio")
+    if value <= 0.0:
+        raise ConfigError("sim.not_above_zero", text=text)
+    return value
+
+
+def _one_of(*names: str) -> Callable[[str], str]:
+    def chosen(text: str) -> str:
+        if text not in names:
+            raise ConfigError("sim.not_one_of", text=text, known=names)
+        return text
+
+    return chosen
+
+
+def _directions(text: str) -> str:
+    if len(text) != 3 or sorted(_DIRECTIONS.get(letter, (9, 0.0))[0] for letter in text) != [0, 1, 2]:
+        raise ConfigError("sim.no_directions", text=text)
+    return text
+
+
+def _sensor_quantity(text: str) -> tuple[str, float]:
+    """Parse dimension and value of a rate or an acceleration."""
+    unit = re.sub(r"^[-+\d.eE\s]*", "", text)
+    dimension = UNITS.get(unit, ("rate", 1.0))[0]
+    return dimension, parse_quantity(text, dimension if dimension in ("rate", "acceleration") else "rate")
+
+
+def _sensor_text(text: str) -> str:
+    _sensor_quantity(text)
+    return text
+
+
+@dataclass(frozen=True, slots=True)
+class Verb:
+    """Syntax and function of a fault."""
+
+    example: str
+    size: Callable[[str], float | str] | None
+    change: Callable[..., Any]  # fixes or samples, size, begin and end [s] -> changed data
+
+
+def _first(time: FloatArray, span: tuple[float, float]) -> int:
+    return min(int(np.searchsorted(time, span[0] - 1e-6)), len(time) - 1)
+
+
+def _inside(time: FloatArray, span: tuple[float, float]) -> BoolArray:
+    return (time >= span[0] - 1e-6) & (time < span[1] - 1e-6)
+
+
+def _times(imu: ImuData, gyro: FloatArray | float, accel: FloatArray | float) -> ImuData:
+    return replace(imu, gyro=imu.gyro * gyro, accel=imu.accel * accel)
+
+
+def _turned(imu: ImuData, size: str, _: tuple[float, float]) -> ImuData:
+    turn = np.zeros((3, 3))
+    for row, letter in enumerate(size):
+        column, sign = _DIRECTIONS[letter]
+        turn[row, column] = sign
+    return replace(imu, gyro=imu.gyro @ turn.T, accel=imu.accel @ turn.T)
+
+
+def _moved(gps: GpsData, metres: np.ndarray) -> GpsData:
+    return replace(gps, lla=lla_offset(gps.lla, metres[:, None] * NORTH_EAST))
+
+
+def _scale(imu: ImuData) -> float:
+    """Return the value of a unit rate in a sample."""
+    return float(np.median(np.diff(imu.time))) if imu.sampling == "increment" else 1.0
+
+
+_ALL = (
+    Verb("gps-spike:60m@120s", _quantity("length"), gps_spike),
+    Verb("gps-jump:60m@120s+8s", _quantity("length"), gps_jump),
+    Verb("gps-drag:1m/s@120s+60s", _quantity("velocity"), gps_drag),
+    Verb("gps-outage@120s+30s", None, lambda gps, _, span: without_fixes(gps, span[0] - 1e-6, span[1] - 1e-6)),
+    Verb("gps-flap:50m@120s+60s", _quantity("length"), gps_flap),
+    Verb("gps-latency:0.3s", _quantity("time"), gps_latency),
+    Verb("gps-sd:0.1", _factor, gps_sd),
+    Verb("gps-duplicate@120s", None, gps_duplicate),
+    Verb("gps-shuffle@120s+10s", None, gps_shuffle),
+    Verb("imu-gap@120s+0.5s", None, lambda imu, _, span: imu.rows(~_inside(imu.time, span))),
+    Verb(
+        "imu-nan@120s+0.05s",
+        None,
+        lambda imu, _, span: _times(imu, *[np.where(_inside(imu.time, span), np.nan, 1.0)[:, None]] * 2),
+    ),
+    Verb("imu-clip:20deg/s@120s+2s", _sensor_text, imu_clip),
+    Verb("imu-stuck:gyro-z@120s+2s", _one_of(*_AXES, "all"), imu_stuck),
+    Verb("imu-spike:3rad/s@120s", _sensor_text, imu_spike),
+    Verb(
+        "imu-units:deg/s",
+        _one_of("deg/s", "g"),
+        lambda imu, size, _: _times(imu, 1.0 / DEG, 1.0) if size == "deg/s" else _times(imu, 1.0, 1.0 / G0),
+    ),
+    Verb("imu-axes:FLU", _directions, _turned),
+    Verb("imu-reverse@120s", None, lambda imu, _, span: replace(imu, time=imu.time - (imu.time >= span[0] - 1e-6))),
+    Verb(
+        "imu-duplicate@120s+0.1s",
+        None,
+        lambda imu, _, span: imu.rows(np.repeat(np.arange(imu.time.shape[0]), 1 + _inside(imu.time, span))),
+    ),
+)
+VERBS = {re.split("[:@]", verb.example)[0]: verb for verb in _ALL}
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,7 +332,7 @@ def simulate_recording(
         samples, errors = shown.imu, shown.errors
         del shown  # its biases are as large as the samples
     if gps_spec is not None:
-        fixes, lever_b = receiver.measure_gps(truth, gps_spec, (seed, _GPS_STREAM)), np.asarray(gps_spec.lever_b)
+        fixes, lever_b = measure_gps(truth, gps_spec, (seed, _GPS_STREAM)), np.asarray(gps_spec.lever_b)
     else:
         lever_b = np.zeros(3)
         fixes = gps_from_truth(truth, times(truth, IDEAL_GPS_RATE)[1:], lever_b)

@@ -1,10 +1,14 @@
 """Exact motion over the rotating Earth: analytic functions of position and attitude curves.
 
 Nothing is integrated between motion and sensors: velocity, angular rate and specific force are derivatives of the same
-curves. They agree to rounding at every instant. `Truth` is the interface of every motion. `LevelTruth` has curves of
-latitude, longitude, height and of roll, pitch, heading, for use with formulas. `straight` and `circle` use one formula,
-for tests and for certifying integrators. `insnav.simulate.earthfixed.EarthTruth` has no singularity at poles or at a
-pitch of 90 deg.
+curves, which are smooth functions of time. They agree to rounding at every instant. `Truth` is the interface of every
+motion. `LevelTruth` has curves of latitude, longitude, height and of roll, pitch, heading, for use with formulas.
+`straight` and `circle` use one formula, for tests and for certifying integrators.
+
+`EarthTruth` crosses a pole, with the nose straight up, and inverted. Its position is a curve in Earth-fixed axes and
+its attitude a quaternion relative to them: no latitude and no pitch is singular.
+
+Perfect sensors and a reference measure a motion without errors.
 
 References
 ----------
@@ -16,19 +20,128 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from typing import Literal
+from math import factorial
+from typing import Literal, Protocol
 
 import numpy as np
+from scipy.interpolate import BSpline, PPoly, make_interp_spline
 
-from insnav.attitude import wrap_pi, wrap_two_pi
-from insnav.earth import E2, OMEGA_EARTH, A, gravity_n, metres_per_unit, radii
-from insnav.earth_fixed import components
+from insnav.attitude import (
+    dcm_from_rph,
+    quat_conjugate,
+    quat_from_rotvec,
+    quat_multiply,
+    rph_from_quat,
+    wrap_pi,
+    wrap_two_pi,
+)
+from insnav.earth import E2, OMEGA_EARTH, A, earth_rate_n, gravity_n, lla_offset, metres_per_unit, radii
+from insnav.earth_fixed import components, geodetic, lla_from_earth, quat_earth_from_level
 from insnav.exceptions import ConfigError
-from insnav.simulate.curves import Curve, Harmonic
-from insnav.types import FloatArray
+from insnav.spill import by_blocks
+from insnav.types import FloatArray, GpsData, ImuData, Sampling, Trajectory
 
 Gravity = Literal["full", "plumb", "linear"]  # see `Truth`
 Vector = tuple[FloatArray, FloatArray, FloatArray]  # separate components: numpy is twice as fast on contiguous arrays
+_LONGEST_PIECE = 0.02  # [s]; five nodes a piece leave less than 1e-13 of an increment up to 15 Hz
+_FINE = 4.2  # pieces between two knots from which four nodes suffice: the motion is slower than the knots
+_CHUNK = 1024  # pieces at a time: the arrays of one chunk fit in the cache
+_SLIVER = 1e-9  # [s]; a knot closer to a sample time needs no separate piece
+_SMALL = 1e-3  # squared angle below which the series of the factors are exact to rounding [rad^2]
+
+Quaternion = tuple[FloatArray, FloatArray, FloatArray, FloatArray]
+
+
+class Curve(Protocol):
+    """Interface of three functions of time.
+
+    Attributes
+    ----------
+    knots : (m,) array
+        Times at which some high derivative jumps [s]; empty if there is none. Quadrature stops there.
+    """
+
+    @property
+    def knots(self) -> FloatArray:
+        """See above."""
+        ...
+
+    def __call__(self, t: FloatArray, order: int = 0) -> FloatArray:
+        """Values ``(n, 3)`` of derivative number `order` (0, 1 or 2) at times `t` ``(n,)`` [s]."""
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class Harmonic:
+    """Straight line plus one harmonic: ``offset + rate t + cosine cos(w t) + sine sin(w t)``."""
+
+    # (3,) coefficients, in the unit of the curve (`rate` per second)
+    offset: FloatArray
+    rate: FloatArray
+    cosine: FloatArray
+    sine: FloatArray
+    omega: float = 0.0  # angular frequency w [rad/s]
+
+    @property
+    def knots(self) -> FloatArray:
+        """Knots: none, as all derivatives are continuous."""
+        return np.empty(0)
+
+    def __call__(self, t: FloatArray, order: int = 0) -> FloatArray:
+        """Evaluate derivative number `order`, ``(n, 3)``, at times `t` ``(n,)`` [s]."""
+        t = t[:, None]
+        phase = self.omega * t + order * (np.pi / 2)
+        value: FloatArray = self.omega**order * (self.cosine * np.cos(phase) + self.sine * np.sin(phase))
+        if order == 0:
+            value += self.offset + self.rate * t
+        elif order == 1:
+            value += self.rate
+        return value
+
+
+@dataclass(frozen=True, slots=True)
+class Spline:
+    """Piecewise polynomial, with coefficients of shape ``(degree + 1, pieces, m)``."""
+
+    polynomials: PPoly
+
+    @property
+    def knots(self) -> FloatArray:
+        """Times at which the polynomials meet [s]."""
+        breaks: FloatArray = self.polynomials.x
+        return breaks
+
+    def __call__(self, t: FloatArray, order: int = 0) -> FloatArray:
+        """Evaluate derivative number `order`, ``(n, m)``, at times `t` ``(n,)`` [s]."""
+        return by_blocks(lambda part: self._values(part, order), t)
+
+    def _values(self, t: FloatArray, order: int) -> FloatArray:
+        """Differentiate only the pieces that contain `t`: storing whole derivatives takes more memory than samples."""
+        c, x = self.polynomials.c, self.polynomials.x
+        first, last = np.searchsorted(x[1:-1], (t.min(), t.max()), side="right")
+        part = PPoly.construct_fast(c[:, first : last + 1], x[first : last + 2])
+        for _ in range(order):
+            part = part.derivative()
+        values: FloatArray = part(t)
+        return values
+
+    def integral(self) -> Spline:
+        """Integrate; the result is zero at the first knot."""
+        return Spline(self.polynomials.antiderivative())
+
+
+def spline_of(basis: BSpline) -> Spline:
+    """Convert a B-spline to the polynomials between its knots."""
+    breaks = np.unique(basis.t)
+    taylor = np.empty((basis.k + 1, breaks.size - 1, *basis.c.shape[1:]))
+    for k in range(basis.k + 1):
+        taylor[basis.k - k] = basis(breaks[:-1], nu=k) / factorial(k)
+    return Spline(PPoly(taylor, breaks))
+
+
+def spline_through(t: FloatArray, values: FloatArray, degree: int = 7) -> Spline:
+    """Interpolate values ``(m, 3)`` by a spline of odd degree, continuous in ``degree - 1`` derivatives."""
+    return spline_of(make_interp_spline(t, values, k=degree))
 
 
 @dataclass(frozen=True, slots=True)
@@ -233,3 +346,225 @@ def circle(
     position = Harmonic(_ZERO, _ZERO, cosine / metres_per_unit(lla), sine / metres_per_unit(lla), turn_rate)
     attitude = Harmonic(np.array([bank, 0.0, heading]), np.array([0.0, 0.0, turn_rate]), _ZERO, _ZERO)
     return LevelTruth(np.asarray(lla, dtype=np.float64), position, attitude, duration, start)
+
+
+def imu_from_truth(truth: Truth, time: FloatArray, sampling: Sampling = "increment") -> ImuData:
+    """Measure with a perfect IMU.
+
+    `time` (n + 1,): edges of the sampling intervals [s], strictly increasing: sample i covers ``time[i]`` to
+    ``time[i + 1]`` and is stamped with its end. ``instant`` has no intervals: (n,) times. `sampling` {"increment",
+    "mean", "instant"}: integral over the interval, mean over it, or value at the instant. Returns: n samples, each
+    integrated over its exact floating-point interval. Raises: ConfigError: times outside the motion, not increasing, or
+    too few.
+    """
+    time = np.asarray(time, dtype=np.float64)
+    if sampling == "instant":
+        at = truth.evaluate(time)
+        return ImuData(time, at.w_ib_b, at.f_b, sampling="instant")
+    if len(time) < 2 or not np.all(np.diff(time) > 0.0):
+        raise ConfigError("sim.no_increasing_times", where="time", count=len(time))
+    tau = truth.elapsed(time)
+    total = integrate(truth, tau)
+    if sampling == "mean":
+        total /= np.diff(tau)[:, None]
+    return ImuData(time[1:], total[:, :3].copy(), total[:, 3:].copy(), sampling=sampling, stamp="end")
+
+
+def integrate(truth: Truth, edges: FloatArray) -> FloatArray:
+    """Integrate angular rate [rad] and specific force [m/s] between successive edges ``(n + 1,)`` [s], ``(n, 6)``.
+
+    Gauss-Legendre quadrature on pieces that end at every edge and every knot, so that derivatives are continuous within
+    each. The edges count from the start of the motion.
+    """
+    knots = truth.knots
+    breaks = pieces(edges, knots)
+    half = 0.5 * np.diff(breaks)
+    fine = len(knots) > 1 and 2.0 * half.max() * _FINE < np.median(np.diff(np.unique(knots)))
+    abscissae, weights = np.polynomial.legendre.leggauss(4 if fine else 5)
+    middle = breaks[:-1] + half
+    parts = np.empty((len(half), 6))
+    for i in range(0, len(half), _CHUNK):
+        part = slice(i, i + _CHUNK)
+        nodes = middle[part, None] + half[part, None] * abscissae
+        w_ib_b, f_b = truth.sensed(nodes.ravel())
+        for column, values in enumerate(w_ib_b + f_b):
+            parts[part, column] = half[part] * (values.reshape(nodes.shape) @ weights)
+    if len(breaks) == len(edges):
+        return parts
+    total: FloatArray = np.add.reduceat(parts, np.searchsorted(breaks, edges[:-1]), axis=0)
+    return total
+
+
+def pieces(edges: FloatArray, knots: FloatArray) -> FloatArray:
+    """Return edges, the knots between them, and further points that limit pieces to `_LONGEST_PIECE`."""
+    knots = np.unique(knots[(knots > edges[0]) & (knots < edges[-1])])
+    after = np.searchsorted(edges, knots)
+    clear = np.minimum(edges[after] - knots, knots - edges[after - 1]) > _SLIVER
+    breaks = np.union1d(edges, knots[clear])
+    count = np.ceil(np.diff(breaks) / _LONGEST_PIECE - 1e-6).astype(np.int64)
+    if np.all(count <= 1):
+        return breaks
+    count = np.maximum(count, 1)
+    step = np.repeat(np.diff(breaks) / count, count)
+    number = np.arange(len(step)) - np.repeat(np.cumsum(count) - count, count)
+    return np.append(np.repeat(breaks[:-1], count) + number * step, breaks[-1])
+
+
+def reference(truth: Truth, time: FloatArray) -> Trajectory:
+    """Sample position, velocity and attitude of the IMU at times ``(n,)`` [s], strictly increasing.
+
+    Raises: ConfigError: times outside the motion.
+    """
+    at = truth.evaluate(time)
+    return Trajectory(np.asarray(time, dtype=np.float64), at.lla, at.v_n, at.rph)
+
+
+def gps_from_truth(truth: Truth, time: FloatArray, lever_b: FloatArray) -> GpsData:
+    """Measure with a perfect receiver at times ``(n,)`` [s], its antenna at `lever_b` ``(3,)`` from the IMU [m].
+
+    Returns: position and velocity of the antenna, v + C_nb (w_eb_b x lever) (Groves 2013, section 14.3.1). The lever
+    arm is projected on the tangent plane, with an error of 1e-7 m per metre. Standard deviations are unknown.
+    Raises: ConfigError: times outside the motion.
+    """
+    at = truth.evaluate(time)
+    C_nb = dcm_from_rph(at.rph)
+    w_eb_n = (C_nb @ at.w_ib_b[:, :, None])[:, :, 0] - earth_rate_n(at.lla[:, 0])
+    lever_n = C_nb @ np.asarray(lever_b, dtype=np.float64)
+    unknown = np.full((len(at.lla), 3), np.nan)
+    return GpsData(
+        time=np.asarray(time, dtype=np.float64),
+        lla=lla_offset(at.lla, lever_n),
+        v_n=at.v_n + np.cross(w_eb_n, lever_n),
+        position_sd=unknown,
+        velocity_sd=unknown.copy(),
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class Turns:
+    """Attitude ``q_vb`` of the body b relative to the vehicle v: constant attitudes, each followed by a rotation."""
+
+    # (m,) start times of the sections [s], increasing; the first is the start of the motion
+    edges: FloatArray
+    base: FloatArray  # (m, 4) quaternion at the start of each section
+    # rotation vector since the start of the section [rad]. At `edges` it returns to zero and its rotation moves into
+    # `base`; its derivatives are continuous.
+    rotvec: Spline
+
+    @property
+    def knots(self) -> FloatArray:
+        """Times at which some high derivative jumps [s]."""
+        return self.rotvec.knots
+
+    def __call__(self, tau: FloatArray) -> tuple[Quaternion, Vector]:
+        """Evaluate attitude and rate at times ``(n,)`` [s].
+
+        Returns: `q_vb` (n,): attitude. `w_vb_b` (n,): rate of the body against the vehicle, body axes [rad/s]: Bortz,
+        "A new mathematical formulation for strapdown inertial navigation", IEEE Trans. AES-7 (1971) 61-66, solved for
+        the rate.
+        """
+        stretch = np.clip(np.searchsorted(self.edges, tau, side="right") - 1, 0, len(self.edges) - 1)
+        rotvec, rate = self.rotvec(tau), self.rotvec(tau, 1)
+        angle2 = np.einsum("ij,ij->i", rotvec, rotvec)
+        across = np.cross(rotvec, rate)
+        first, second = turn_factors(angle2)
+        w = rate - first[:, None] * across + second[:, None] * np.cross(rotvec, across)
+        q = quat_multiply(self.base[stretch], quat_from_rotvec(rotvec))
+        return (q[:, 0], q[:, 1], q[:, 2], q[:, 3]), components(w)
+
+
+def turn_factors(angle2: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Compute ``(1 - cos a) / a^2`` and ``(a - sin a) / a^3`` of squared angles ``a^2`` ``(n,)`` [rad^2]."""
+    safe = np.where(angle2 < _SMALL, 1.0, angle2)
+    angle = np.sqrt(safe)
+    series = 1 / 6 - angle2 / 120 * (1 - angle2 / 42 * (1 - angle2 / 72))
+    first = 0.5 * np.sinc(np.sqrt(angle2) / (2 * np.pi)) ** 2
+    return first, np.where(angle2 < _SMALL, series, (angle - np.sin(angle)) / (safe * angle))
+
+
+@dataclass(frozen=True, slots=True)
+class EarthTruth(Truth):
+    """Motion in Earth-fixed axes."""
+
+    origin: FloatArray  # (3,) origin of `position` [m]
+    position: Curve  # position minus `origin` over the time since `start` [m]; smooth in at least two derivatives
+    # quaternion ``q_ev`` of the vehicle over the time since `start`, of any length but zero; smooth in at least one
+    # derivative. Divided by its length it is the attitude, so its four polynomials need not know of each other.
+    attitude: Curve
+    turns: Turns | None  # turns of the body in the vehicle; None if it is fixed
+    # see `Truth`
+    duration: float
+    start: float = 0.0
+    gravity: Gravity = "full"
+
+    @property
+    def knots(self) -> FloatArray:
+        turns = [] if self.turns is None else [self.turns.knots]
+        return np.concatenate([self.position.knots, self.attitude.knots, *turns])
+
+    def sensed(self, tau: FloatArray) -> tuple[Vector, Vector]:
+        """Compute the rates; see `Truth`: Groves 2013, section 2.5.5 solved for the specific force.
+
+        The rate relative to the Earth follows from ``w = 2 vec(q* (x) q')`` for a unit quaternion. Another length adds
+        a part along ``q``, which cancels, and a factor.
+        """
+        a, b, c, d = q = _columns(self.attitude(tau))
+        da, db, dc, dd = _columns(self.attitude(tau, 1))
+        twice = 2.0 / (a * a + b * b + c * c + d * d)
+        w_e = turned_back(q, (np.zeros(1), np.zeros(1), np.full(1, OMEGA_EARTH)))
+        w = (
+            twice * (a * db - b * da - c * dd + d * dc) + w_e[0],
+            twice * (a * dc - c * da - d * db + b * dd) + w_e[1],
+            twice * (a * dd - d * da - b * dc + c * db) + w_e[2],
+        )
+        x, y, z = components(self.position(tau) + self.origin)
+        vx, vy, _ = components(self.position(tau, 1))
+        ax, ay, az = components(self.position(tau, 2))
+        gx, gy, gz = gravity_e(x, y, z, self.gravity)
+        f = turned_back(q, (ax - 2 * OMEGA_EARTH * vy - gx, ay + 2 * OMEGA_EARTH * vx - gy, az - gz))
+        if self.turns is None:
+            return w, f
+        q_vb, w_vb_b = self.turns(tau)
+        x, y, z = turned_back(q_vb, w)
+        return (x + w_vb_b[0], y + w_vb_b[1], z + w_vb_b[2]), turned_back(q_vb, f)
+
+    def evaluate(self, time: FloatArray) -> Kinematics:
+        """Evaluate the motion; see `Truth`. At a pole the longitude is 0, which defines the heading."""
+        tau = self.elapsed(time)
+        w_ib_b, f_b = self.sensed(tau)
+        r_e = self.position(tau) + self.origin
+        lla = lla_from_earth(r_e)
+        q_en = quat_earth_from_level(lla)
+        q_eb = self.attitude(tau)
+        q_eb = q_eb / np.linalg.norm(q_eb, axis=1, keepdims=True)
+        if self.turns is not None:
+            q_eb = quat_multiply(q_eb, np.column_stack(self.turns(tau)[0]))
+        v_n = turned_back(_columns(q_en), components(self.position(tau, 1)))
+        rph = rph_from_quat(quat_multiply(quat_conjugate(q_en), q_eb))
+        return Kinematics(lla, np.column_stack(v_n), rph, np.column_stack(w_ib_b), np.column_stack(f_b))
+
+
+def _columns(q: FloatArray) -> Quaternion:
+    a, b, c, d = np.ascontiguousarray(q.T)
+    return a, b, c, d
+
+
+def turned_back(q: Quaternion, vector: Vector) -> Vector:
+    """Compute ``C(q)^T @ vector``, for a body-to-`vector` quaternion of any length (Groves 2013, eq. 2.34)."""
+    a, b, c, d = q
+    x, y, z = vector
+    twice = 2.0 / (a * a + b * b + c * c + d * d)
+    # v + 2 u x (u x v - a v) / |q|^2 with u = (b, c, d)
+    kx, ky, kz = c * z - d * y - a * x, d * x - b * z - a * y, b * y - c * x - a * z
+    return x + twice * (c * kz - d * ky), y + twice * (d * kx - b * kz), z + twice * (b * ky - c * kx)
+
+
+def gravity_e(x: FloatArray, y: FloatArray, z: FloatArray, gravity: Gravity) -> Vector:
+    """Compute gravity including centrifugal acceleration in Earth-fixed axes [m/s^2], at Earth-fixed positions [m]."""
+    p, lat, height = geodetic(x, y, z)
+    north, down = gravity_of(gravity, lat, height)
+    s, c = np.sin(lat), np.cos(lat)
+    outward = -c * down - s * north
+    along = -s * down + c * north
+    outward /= np.maximum(p, 1e-9)  # on the axis x and y are zero
+    return x * outward, y * outward, along

@@ -18,8 +18,7 @@ from insnav.earth import metres_per_unit, ned_offset
 from insnav.earth_fixed import components
 from insnav.exceptions import InputError
 from insnav.findings import Code, Finding
-from insnav.simulate.curves import Spline, spline_of
-from insnav.simulate.truth import LevelTruth, Truth
+from insnav.simulate.truth import LevelTruth, Spline, Truth, spline_of
 from insnav.types import FloatArray, Trajectory
 
 _SPACING = 0.2  # of knots, unless the track has fewer than two rows in that [s]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from insnav.errors.outage.windows import is_stationary, stationary_fixes
+from insnav.errors.outage.free_inertial import is_stationary, stationary_fixes
 from insnav.exceptions import InputError
 from insnav.filter.gps_noise import with_sd
 from insnav.findings import Code, Finding

@@ -35,7 +35,7 @@ from insnav.simulate import (
     imu_from_truth,
     straight,
 )
-from insnav.simulate.motion.kinds import Vehicle
+from insnav.simulate.motion.moves import Vehicle
 from insnav.strapdown import intervals
 from insnav.types import Alignment, GpsData, ImuData
 from insnav.units import DEG, DEG_PER_H, DEG_PER_SQRT_H, M_S_PER_SQRT_H, PPM, UG

@@ -10,8 +10,8 @@ import pytest
 from insnav import strapdown
 from insnav.certificate import strapdown_checks
 from insnav.certificate.certify import Certificate, certify
-from insnav.certificate.gravity import gravity
 from insnav.certificate.integrators import METHODS, Check, integrators
+from insnav.certificate.platform_checks import gravity
 from insnav.report.certificate.page import certificate_markdown
 from insnav.units import DEG, DEG_PER_H, G0, UG
 from tests.cli.conftest import ROOT

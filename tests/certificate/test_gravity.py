@@ -6,7 +6,7 @@ import numpy as np
 import pymap3d
 import pytest
 
-from insnav.certificate import gravity as subject
+from insnav.certificate import platform_checks as subject
 from insnav.earth import gravity_n
 from tests.test_earth import potential
 

@@ -7,9 +7,9 @@ import pymap3d
 import pytest
 
 from insnav.attitude import dcm_from_rph
-from insnav.certificate.gravity import exact_gravity_n
 from insnav.certificate.motions import around_pole, over_pole
-from insnav.simulate.earthfixed import EarthTruth
+from insnav.certificate.platform_checks import exact_gravity_n
+from insnav.simulate.truth import EarthTruth
 from insnav.types import FloatArray
 from insnav.units import UG
 from tests.physics.equations import axes_of

@@ -19,8 +19,7 @@ import pytest
 from insnav.cli.batch import _absolute, run_drive
 from insnav.exceptions import CheckError, InputError
 from insnav.findings import Code, Finding, Severity, of_code, of_families
-from insnav.fleet.batch import _alone, name_of
-from insnav.fleet.recordings import _with_broken, find_drives
+from insnav.fleet.batch import _alone, _with_broken, find_drives, name_of
 from insnav.input.formats.registry import open_tables
 from insnav.output.folder import RunFolder
 from tests.cli.conftest import QUICK as RUN

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from insnav.imu import load_calibration
-from insnav.lab.nine_position.method import SENSORS
+from insnav.lab.nine_position import SENSORS
 from insnav.output.folder import read_facts
 from tests.cli.conftest import Cli
 from tests.lab.modules import NINE, UPRIGHT, Modules, make

@@ -11,7 +11,7 @@ import pytest
 
 from insnav.findings import Code
 from insnav.imu import correct, load_calibration
-from insnav.imu.higher_order import ErrorTerms
+from insnav.imu.model import ErrorTerms
 from insnav.input import read_imu
 from insnav.input.interpret.axes import axes_matrix
 from insnav.output.folder import read_facts
@@ -126,7 +126,7 @@ def test_gravity_follows_from_latitude_and_height(bench: Path, cli: Cli) -> None
 
 
 def test_six_positions_with_sections_and_without(bench: Path, cli: Cli) -> None:
-    from insnav.lab.multi_position.six_positions import find_sections
+    from insnav.lab.multi_position.method import find_sections
 
     data = six_measured(0.003)
     write("six.csv", data)

@@ -12,7 +12,7 @@ from insnav.alignment import Mounting
 from insnav.alignment.clock_offset import ClockOffset
 from insnav.exceptions import InputError
 from insnav.findings import Code, of_code
-from insnav.fleet.recordings import find_drives
+from insnav.fleet.batch import find_drives
 from insnav.fleet.tuning import tune
 from insnav.input.readers.kinds import open_parts
 from insnav.messages import sentence

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 import insnav
-from insnav.report.run_json import page_facts
+from insnav.report.save import page_facts
 from tests.cli.conftest import Cli
 
 

@@ -12,7 +12,7 @@ from jsonschema import Draft202012Validator
 
 from insnav.findings import Code, Finding, Severity
 from insnav.input import ReadingFacts
-from insnav.report.run_json import SCHEMA
+from insnav.report.save import SCHEMA
 from tests.cli.conftest import ROOT, Cli
 
 RULES = json.loads((ROOT / "insnav" / "report" / "run.schema.json").read_text(encoding="utf-8"))

@@ -186,7 +186,7 @@ def test_faults_are_applied_and_told(prepared: Path, here: Path, cli: Cli):
 
 def test_every_fault_is_named_in_the_help_and_in_the_readme():
     from insnav.cli.help import help_of
-    from insnav.simulate.faults import VERBS
+    from insnav.simulate.recording import VERBS
 
     readme = (ROOT / "trajectories" / "README.md").read_text()
     for name, verb in VERBS.items():

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from insnav import strapdown
-from insnav.certificate import certify, gravity, strapdown_checks
+from insnav.certificate import certify, platform_checks, strapdown_checks
 from insnav.certificate import integrators as peer
 from insnav.findings import Code, Finding
 from insnav.messages import sentence
@@ -24,7 +24,7 @@ def short(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     """Only what takes no time: the whole certificate is tested elsewhere."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(certify, "TOPICS", (strapdown_checks.coning, strapdown_checks.sculling, strapdown_checks.spin))
-    monkeypatch.setattr(certify, "OTHERS", (gravity.gravity,))
+    monkeypatch.setattr(certify, "OTHERS", (platform_checks.gravity,))
 
 
 @pytest.fixture

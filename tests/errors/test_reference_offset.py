@@ -9,7 +9,7 @@ import pytest
 
 from insnav.earth import lla_offset
 from insnav.errors.metrics import at_point, position_errors
-from insnav.errors.reference_offset import offset_findings, reference_offset
+from insnav.errors.reference_check import offset_findings, reference_offset
 from insnav.findings import Code
 from insnav.simulate import reference
 from insnav.types import FloatArray, Trajectory

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from insnav.errors.short_duration_errors import short_windows, size_at
+from insnav.errors.evaluated_run import short_windows, size_at
 from insnav.exceptions import InputError
 from insnav.simulate import imu_from_truth, reference
 from insnav.types import ImuData, SensorErrors

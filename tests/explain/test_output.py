@@ -17,12 +17,11 @@ from insnav.findings import Code, of_code
 from insnav.messages import LANGUAGES, phrase, speaking
 from insnav.output.folder import read_facts
 from insnav.quantity_text import parse_quantity
-from insnav.report.explanation import MOST, explanation_line, explanation_section
 from insnav.report.page import section_tables
-from insnav.report.save import facts_of
+from insnav.report.save import MOST, explanation_line, explanation_section, facts_of
 from insnav.report.terminal import table_text
 from insnav.result import Result, open_result
-from insnav.simulate.faults import gps_jump
+from insnav.simulate.recording import gps_jump
 from insnav.types import GpsData
 from insnav.units import DEG, UNITS
 from tests.explain.test_faults import recording

@@ -18,7 +18,7 @@ from insnav.filter.prepare import Prepared
 from insnav.findings import Code
 from insnav.imu.health import inspect
 from insnav.simulate import reference
-from insnav.simulate.faults import parse_fault
+from insnav.simulate.recording import parse_fault
 from insnav.types import GpsData, ImuData, Run
 from tests.filter import drives
 

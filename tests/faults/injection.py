@@ -46,7 +46,7 @@ from insnav.input import read_gps, read_imu, read_reference
 from insnav.messages import sentence
 from insnav.output.data_files import write_data
 from insnav.session.simulation import plan_of, profiled
-from insnav.simulate.faults import parse_fault
+from insnav.simulate.recording import parse_fault
 from insnav.types import GpsData, ImuData, Trajectory
 from tests.shared import DATA
 

@@ -10,7 +10,7 @@ import pytest
 from insnav.earth import lla_offset
 from insnav.exceptions import InputError
 from insnav.findings import Code
-from insnav.simulate.faults import parse_fault
+from insnav.simulate.recording import parse_fault
 from insnav.units import DEG
 from tests.faults.injection import OUTCOMES, Case, cases, clean, drive, navigated, outcome
 

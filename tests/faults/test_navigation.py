@@ -15,7 +15,7 @@ from insnav.filter.prepare import DELAY_SD
 from insnav.findings import Code, of_code
 from insnav.imu.health import CLIPPED
 from insnav.simulate import gps_from_truth, imu_from_truth, reference
-from insnav.simulate.faults import parse_fault
+from insnav.simulate.recording import parse_fault
 from insnav.units import DEG
 from tests.faults.conftest import LAPS, SD, data, deviation, healthy, navigated
 from tests.filter import drives

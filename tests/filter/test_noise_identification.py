@@ -21,7 +21,7 @@ from insnav.findings import Code, Severity, of_code
 from insnav.imu.specification import ImuSpec, SensorSpec, level_bias
 from insnav.kernels import noise_likelihood as kernel
 from insnav.simulate import GpsErrors, corrupt_gps
-from insnav.simulate.imu_errors import gauss_markov
+from insnav.simulate.sensor_errors import gauss_markov
 from insnav.types import FloatArray, GpsData, ImuData
 from tests.filter import drives
 

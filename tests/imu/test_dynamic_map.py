@@ -10,7 +10,7 @@ import pytest
 
 from insnav.exceptions import ConfigError
 from insnav.imu import ImuErrors, calibration_to_toml, correct, corrupt, load_calibration
-from insnav.imu.higher_order import AxisMap, DynamicMap, ErrorTerms
+from insnav.imu.model import AxisMap, DynamicMap, ErrorTerms
 from insnav.types import ImuData
 from tests.refusals import problems_of, refused
 

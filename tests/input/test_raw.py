@@ -10,7 +10,7 @@ import pytest
 from insnav.exceptions import ConfigError, InputError
 from insnav.findings import Code
 from insnav.imu import ImuErrors, calibration_to_toml, load_calibration
-from insnav.imu.raw_outputs import RawScale
+from insnav.imu.model import RawScale
 from insnav.input import read_imu
 from tests.input.files import noted
 from tests.refusals import problems_of, refused

@@ -10,7 +10,7 @@ import pytest
 from insnav.exceptions import ConfigError, InputError
 from insnav.findings import Code, of_code
 from insnav.lab.acceptance import acceptance, scale_of, spread_of, stability_of
-from insnav.lab.bench_data.records import Channel, read_powerups, read_static, read_steps
+from insnav.lab.bench_data import Channel, read_powerups, read_static, read_steps
 from insnav.units import DEG, G0
 from tests.lab.published import lab_file
 from tests.refusals import refused

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from insnav.findings import Code, of_code
-from insnav.lab.bench_data.bench_tables import dwell_warnings, reduce_dwells
+from insnav.lab.bench_data import dwell_warnings, reduce_dwells
 from insnav.lab.calibration import about, badly_conditioned, few
 from insnav.lab.least_squares import linear_fit
 from insnav.lab.noise.static_noise import static_noise

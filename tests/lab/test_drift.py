@@ -10,10 +10,22 @@ from scipy.stats import multivariate_normal
 from insnav.exceptions import InputError
 from insnav.findings import Code
 from insnav.imu import ImuErrors, calibration_to_toml, load_calibration
-from insnav.imu.higher_order import ErrorTerms
-from insnav.lab.drift.allan_before_after import TAUS, drift_study, power_fit
-from insnav.lab.drift.drift_model import DriftRecord, corrected_rates, drift_errors, drift_model, variance_inflation
-from insnav.lab.drift.rate_smoothing import P0, Smoother, choose_smoother, computed_ramp, smooth
+from insnav.imu.model import ErrorTerms
+from insnav.lab.bench_data import DriftRecord
+from insnav.lab.drift import (
+    P0,
+    TAUS,
+    Smoother,
+    choose_smoother,
+    computed_ramp,
+    corrected_rates,
+    drift_errors,
+    drift_model,
+    drift_study,
+    power_fit,
+    smooth,
+    variance_inflation,
+)
 from insnav.lab.noise.allan import AllanDeviation, allan_deviation
 from insnav.report.drift.page import drift_panels, rate_panels
 from insnav.units import DEG, DEG_PER_SQRT_H, G0

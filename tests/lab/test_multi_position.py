@@ -10,19 +10,20 @@ from scipy import stats
 
 from insnav.exceptions import InputError
 from insnav.imu import ImuErrors, correct, corrupt
-from insnav.imu.higher_order import ErrorTerms
+from insnav.imu.model import ErrorTerms
 from insnav.input.readers.imu import read_imu
-from insnav.lab.multi_position.gravity_norm import fit_gravity_norm, norm_error, sphere
-from insnav.lab.multi_position.gyro_rotations import prepare, rotations
-from insnav.lab.multi_position.many_positions import PosesCalibration, calibrate_poses
-from insnav.lab.multi_position.method import errors_in_si, file_errors
-from insnav.lab.multi_position.stationary_spans import (
+from insnav.lab.multi_position.many_positions import (
+    PosesCalibration,
+    calibrate_poses,
     clipped,
     find_poses,
     measure_activity,
     pose_between,
+    prepare,
+    rotations,
 )
-from insnav.lab.multi_position.triad import Triad, corrected, directions
+from insnav.lab.multi_position.method import errors_in_si, file_errors
+from insnav.lab.multi_position.triad import Triad, corrected, directions, fit_gravity_norm, norm_error, sphere
 from insnav.types import FloatArray, ImuData
 from tests.lab.hand import RATE, G, random_record, record, turn
 from tests.refusals import refused
@@ -242,7 +243,7 @@ def test_the_pose_asked_for_mends_it() -> None:
 
 
 def test_jacobian_of_the_norm_is_that_of_differences() -> None:
-    from insnav.lab.multi_position.gravity_norm import norm_jacobian, packed, unpacked
+    from insnav.lab.multi_position.triad import norm_jacobian, packed, unpacked
 
     rng = np.random.default_rng(8)
     force = 400.0 * G * directions() + 33000.0

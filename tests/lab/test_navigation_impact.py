@@ -6,10 +6,8 @@ import numpy as np
 import pytest
 
 from insnav.imu import ImuErrors
-from insnav.imu.higher_order import AxisMap, DynamicMap, ErrorTerms
-from insnav.imu.raw_outputs import RawScale
-from insnav.lab.calibration import CalibrationSd
-from insnav.lab.navigation_impact import MINUTE, navigation_impact
+from insnav.imu.model import AxisMap, DynamicMap, ErrorTerms, RawScale
+from insnav.lab.calibration import MINUTE, CalibrationSd, navigation_impact
 from insnav.units import DEG, G0, UG
 
 B, EPS = 50.0 * UG, 10.0 * DEG / 3600.0

@@ -11,8 +11,7 @@ import pytest
 
 from insnav.exceptions import InputError
 from insnav.lab.calibration import BenchOptions
-from insnav.lab.nine_position.method import AXIS, SENSORS, NinePositions, calibrate_nine, fit, read
-from insnav.lab.nine_position.table_positions import ideal_force
+from insnav.lab.nine_position import AXIS, SENSORS, NinePositions, calibrate_nine, fit, ideal_force, read
 from tests.lab.modules import NINE, UPRIGHT, G, Modules, make
 from tests.refusals import refused
 
@@ -122,7 +121,7 @@ def test_positions_that_do_not_do_are_refused(positions: np.ndarray, code: str, 
 
 
 def test_what_is_told_to_add_is_enough() -> None:
-    from insnav.lab.nine_position.table_positions import _to_add
+    from insnav.lab.nine_position import _to_add
 
     for positions in (NINE[:5], NINE[5:], NINE[:1]):
         added = np.vstack((positions, np.radians(_to_add(*positions.T))))

@@ -11,7 +11,7 @@ from insnav.input import read_imu
 from insnav.lab.noise.allan import AXES, allan_deviation, averaging_factors
 from insnav.lab.noise.noise_model import NAMES, basis, fit_noise
 from insnav.lab.noise.static_noise import PEAK, PEAK_TIME, static_noise, temperature_correlation
-from insnav.simulate.imu_errors import corrupt_imu
+from insnav.simulate.sensor_errors import corrupt_imu
 from insnav.types import ImuData
 from insnav.units import DEG, DEG_PER_H, DEG_PER_SQRT_H, M_S_PER_SQRT_H, UG
 from tests.lab.signals import at_rest, noise

@@ -14,8 +14,7 @@ from insnav.lab.calibration import BenchOptions, carried_over
 from insnav.lab.single_axis import rate_table as gyro
 from insnav.lab.single_axis import tumble as accel
 from insnav.lab.single_axis.rate_table import SCHEMA as RATE_TABLE
-from insnav.lab.single_axis.rate_table import calibrate_gyro, rate_table_warnings
-from insnav.lab.single_axis.records import Record, read_record
+from insnav.lab.single_axis.rate_table import Record, calibrate_gyro, rate_table_warnings, read_record
 from insnav.lab.single_axis.tumble import SCHEMA as TUMBLE
 from insnav.lab.single_axis.tumble import calibrate_accel, tumble_warnings
 from tests.lab.published import lab_file

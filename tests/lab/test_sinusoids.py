@@ -7,7 +7,7 @@ import pytest
 
 from insnav.findings import Code, of_code
 from insnav.lab.noise.allan import allan_deviation
-from insnav.lab.noise.sinusoids import Sinusoid, find_sinusoids
+from insnav.lab.noise.noise_model import Sinusoid, find_sinusoids
 from insnav.lab.noise.static_noise import signal_noise, static_noise
 from insnav.session.bench import allan
 from insnav.types import ImuData

@@ -11,7 +11,7 @@ import pytest
 from insnav.exceptions import ConfigError, InputError
 from insnav.imu import ImuErrors, corrupt
 from insnav.input import read_imu
-from insnav.lab.multi_position.six_positions import (
+from insnav.lab.multi_position.method import (
     POSITIONS,
     SECTIONS,
     calibrate_six_positions,

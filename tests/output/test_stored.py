@@ -11,11 +11,11 @@ import pytest
 
 from insnav.errors.budget.error_budget import budget
 from insnav.errors.budget.from_windows import BudgetStudy
-from insnav.errors.budget.sampled_motion import at_rest
+from insnav.errors.budget.sources import at_rest
 from insnav.exceptions import InputError
 from insnav.findings import Code, Finding
 from insnav.output.stored import FILE, read_stored, store
-from insnav.report.run_json import page_facts
+from insnav.report.save import page_facts
 from insnav.result import Result, open_result
 from tests.errors.budget.imus import plain
 from tests.refusals import refused

@@ -9,7 +9,7 @@ from insnav import strapdown
 from insnav.attitude import dcm_from_rph
 from insnav.earth import gravity_n, ned_offset
 from insnav.simulate import LevelTruth, Truth, circle, imu_from_truth, reference, straight
-from insnav.simulate.curves import Harmonic
+from insnav.simulate.truth import Harmonic
 from insnav.types import ImuData, Increments, Trajectory
 from insnav.units import DEG
 from tests.physics.conftest import later

@@ -10,7 +10,7 @@ from scipy.linalg import expm
 
 from insnav import strapdown
 from insnav.earth import earth_rate_n, gravity_n, ned_offset
-from insnav.errors.schuler import measured_periods, periods, static_errors
+from insnav.errors.platform_errors import measured_periods, periods, static_errors
 from insnav.exceptions import ConfigError, InputError
 from insnav.gimbal import PlatformErrors, navigate_platform
 from insnav.types import ImuData

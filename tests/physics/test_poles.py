@@ -15,8 +15,7 @@ from insnav.certificate.motions import around_pole, over_pole, polar_truth
 from insnav.earth import earth_rate_n, gravity_n
 from insnav.output.solution_tables import write_run_table
 from insnav.simulate import imu_from_truth
-from insnav.simulate.curves import Harmonic
-from insnav.simulate.earthfixed import EarthTruth
+from insnav.simulate.truth import EarthTruth, Harmonic
 from insnav.types import FloatArray, ImuData, Trajectory
 from insnav.units import DEG
 from tests.physics.equations import axes_of

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from insnav.errors.budget.from_windows import RecordedBudget, WindowSettings, recorded_budget
-from insnav.errors.outage.statistics import COMPONENTS
-from insnav.errors.outage.windows import WindowReference, reference_from_trajectory, stationary_fixes
+from insnav.errors.outage.free_inertial import WindowReference, reference_from_trajectory, stationary_fixes
+from insnav.errors.outage.gnss_outage import COMPONENTS
 from insnav.filter import FilterSettings
 from insnav.filter.prepare import DELAY_SD, prepare
 from insnav.findings import Code, of_code

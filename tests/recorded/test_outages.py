@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from insnav.errors.outage.gnss_outage import outages
-from insnav.errors.outage.statistics import outage_growth
+from insnav.errors.outage.gnss_outage import outage_growth, outages
 from insnav.filter import FilterSettings
 from insnav.filter.navigate import aided
 from insnav.filter.prepare import DELAY_SD, prepare

@@ -11,16 +11,15 @@ import numpy as np
 import pytest
 
 from insnav.exceptions import InputError
-from insnav.regression.accuracy_metrics import BY_KEY
 from insnav.regression.baseline import Baseline, origin
-from insnav.regression.evaluate import Accuracy
+from insnav.regression.evaluate import BY_KEY, Accuracy
 from insnav.regression.peers import PeerRow
 from insnav.regression.regress import Entry, Regression, entry, read_history, with_entry, write_history
 from insnav.regression.verdict import compare
-from insnav.report.colours import VERMILLION
 from insnav.report.figures import draw_drawings, drawing
 from insnav.report.regression.page import PAGE, PEERS, SECTION, markdown, peers_of, write_pages
 from insnav.report.regression.panels import COLUMNS, fitted, history_panels
+from insnav.report.style import VERMILLION
 from insnav.result import Result
 from tests.regression.conftest import LIBRARY, THEN
 

@@ -7,9 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from insnav.regression.accuracy_metrics import BY_KEY
 from insnav.regression.baseline import Baseline
-from insnav.regression.evaluate import Accuracy
+from insnav.regression.evaluate import BY_KEY, Accuracy
 from insnav.regression.peers import PeerRow
 from insnav.regression.regress import Regression, entry
 from insnav.regression.verdict import ALPHA, POWER, compare, detectable, shift

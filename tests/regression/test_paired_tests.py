@@ -7,7 +7,7 @@ import pytest
 from scipy import stats
 from scipy.signal import lfilter
 
-from insnav.regression.accuracy_metrics import BY_KEY, METRICS, Metric
+from insnav.regression.evaluate import BY_KEY, METRICS, Metric
 from insnav.regression.verdict import ALPHA, POWER, detectable_apart, holm, interval, shift, standard_error
 
 SIZE = Metric("x_m", "x", "m", 0.0)

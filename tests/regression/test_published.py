@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from insnav.errors.requirement.study import SPAN, TYPICAL
-from insnav.regression.published import (
+from insnav.regression.peers import (
     Case,
     Compared,
     compare_published,

@@ -11,7 +11,7 @@ from insnav.errors.run_findings import judged
 from insnav.findings import Code, Finding, Severity
 from insnav.imu import load_imu
 from insnav.input.readers.reading import ReadingFacts
-from insnav.report.run_json import page_facts
+from insnav.report.save import page_facts
 from insnav.result import Result
 from insnav.types import Innovations, Run, SensorErrors, Trajectory
 from tests.report.synthetic import drive

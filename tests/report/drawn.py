@@ -6,9 +6,9 @@ import numpy as np
 
 from insnav.findings import Severity
 from insnav.quantity import Quantity
-from insnav.report.colours import AXIS_COLOURS, BLUE, GREY
 from insnav.report.page import Page, Section, Verdict
 from insnav.report.panels import Curve, Panel, Shade, Track
+from insnav.report.style import AXIS_COLOURS, BLUE, GREY
 from tests.report.conftest import stored
 
 HOSTILE = "</script><script>alert(1)</script>"

@@ -15,12 +15,12 @@ import pytest
 
 from insnav.errors.budget.error_budget import budget
 from insnav.errors.budget.from_windows import BudgetStudy
-from insnav.errors.budget.sampled_motion import at_rest
+from insnav.errors.budget.sources import at_rest
 from insnav.quantity import Quantity
-from insnav.report.colours import BLACK
 from insnav.report.html import page_html
 from insnav.report.page import Page, Section
 from insnav.report.panels import Curve, Panel
+from insnav.report.style import BLACK
 from insnav.result import Result
 from tests.errors.budget.imus import plain
 from tests.report import drawn

@@ -11,8 +11,7 @@ from matplotlib.axes import Axes
 
 from insnav.errors.budget.error_budget import Budget, RecordedColumn, budget
 from insnav.errors.budget.from_windows import BudgetStudy
-from insnav.errors.budget.sampled_motion import at_rest
-from insnav.errors.budget.sources import families, sources_of
+from insnav.errors.budget.sources import at_rest, families, sources_of
 from insnav.findings import Code, Severity, of_code
 from insnav.imu import load_imu
 from insnav.messages import sentence
@@ -30,9 +29,9 @@ from insnav.report.budget.quantities import (
     size,
 )
 from insnav.report.figures import drawing
-from insnav.report.numbers import number
 from insnav.report.page import section_tables
-from insnav.report.run_json import page_facts
+from insnav.report.save import page_facts
+from insnav.report.style import number
 from insnav.report.terminal import page_text
 from insnav.result import Result
 from insnav.units import UNITS

@@ -10,9 +10,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from insnav.errors.budget.from_windows import RecordedBudget, WindowSettings, recorded_budget
-from insnav.errors.diagnosis.simulated_replica import Replicas
-from insnav.errors.outage.statistics import COMPONENTS
+from insnav.errors.budget.from_windows import RecordedBudget, Replicas, WindowSettings, recorded_budget
+from insnav.errors.outage.gnss_outage import COMPONENTS
 from insnav.findings import Code, Finding, Severity, of_code
 from insnav.output.stored import FILE, store
 from insnav.report.budget.page import read_found
@@ -21,7 +20,7 @@ from insnav.report.budget.windows import windows_assumptions, windows_sections, 
 from insnav.report.figures import drawing
 from insnav.report.page import Page, section_tables
 from insnav.report.panels import limits_of
-from insnav.report.run_json import section_facts
+from insnav.report.save import section_facts
 from insnav.report.terminal import page_text
 from insnav.result import Result, open_result
 from insnav.session.budget import BudgetSettings, budget_of_windows

@@ -12,7 +12,7 @@ from insnav.certificate.integrators import Check
 from insnav.report.certificate.page import certificate_markdown, certificate_panel, page
 from insnav.report.figures import draw_drawings, drawing
 from insnav.report.page import Page, Table, section_tables
-from insnav.report.run_json import page_facts
+from insnav.report.save import page_facts
 from insnav.report.terminal import page_text
 from insnav.result import Result
 

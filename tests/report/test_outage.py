@@ -10,14 +10,13 @@ import numpy as np
 import pytest
 
 from insnav.errors.evaluated_run import EvaluatedRun
-from insnav.errors.outage.gnss_outage import OutageStudy
-from insnav.errors.outage.statistics import outage_growth
+from insnav.errors.outage.gnss_outage import OutageStudy, outage_growth
 from insnav.errors.run_findings import judged
 from insnav.findings import Code, Finding, Severity
 from insnav.messages import phrase, render, sentence
-from insnav.report.numbers import number
 from insnav.report.page import Page, section_tables
-from insnav.report.run_json import page_facts
+from insnav.report.save import page_facts
+from insnav.report.style import number
 from insnav.report.terminal import table_text
 from insnav.result import Result, open_result
 from tests.errors.outage.test_statistics import outage_windows

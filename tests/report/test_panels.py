@@ -12,10 +12,10 @@ import numpy as np
 import pytest
 
 from insnav.messages import phrase
-from insnav.report.colours import AXIS_COLOURS
 from insnav.report.figures import draw_drawings, drawing
 from insnav.report.html import page_fragment, page_html
 from insnav.report.panels import LINE_BINS, Curve, Panel, limits_of, modes, panel_data, robust_limits
+from insnav.report.style import AXIS_COLOURS
 from tests.report import drawn
 
 

@@ -10,7 +10,7 @@ from insnav.messages import phrase
 from insnav.quantity import Quantity, key_suffix
 from insnav.report.html import page_fragment, page_html
 from insnav.report.page import FigureSpec, Page, Section, cell, section_tables
-from insnav.report.run_json import page_facts
+from insnav.report.save import page_facts
 from insnav.report.terminal import page_text
 from insnav.units import DEG, DEG_PER_H, PPM
 from tests.report.conftest import stored

@@ -12,8 +12,8 @@ import pytest
 from insnav.errors.evaluated_run import EvaluatedRun, outages
 from insnav.errors.metrics import position_errors
 from insnav.findings import Code, Finding
-from insnav.report.run.verdict import run_line
-from insnav.report.run_json import json_ready
+from insnav.report.run.page import run_line
+from insnav.report.save import json_ready
 from insnav.result import Result
 from tests.report.conftest import facts_of
 

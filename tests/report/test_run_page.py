@@ -13,10 +13,10 @@ from scipy import stats
 from insnav.messages import phrase
 from insnav.plain_text import plain_text
 from insnav.report.html import page_html
-from insnav.report.numbers import number
 from insnav.report.page import Section
 from insnav.report.run.panels import run_panels
 from insnav.report.run.quantities import mean_nis
+from insnav.report.style import number
 from tests.report.conftest import result_of, stored
 
 HOSTILE = [

@@ -16,11 +16,11 @@ from insnav.findings import Code, Finding, Severity
 from insnav.imu import load_imu
 from insnav.messages import form, phrase, sentence, word
 from insnav.quantity import Quantity, quantity_of
-from insnav.report.numbers import number
 from insnav.report.page import Page, Section, Verdict, cell, section_tables
 from insnav.report.panels import Clock
+from insnav.report.run.page import brief_lines, inside, run_merits
 from insnav.report.run.quantities import mean_nis
-from insnav.report.run.verdict import brief_lines, inside, run_merits
+from insnav.report.style import number
 from insnav.result import Result
 from insnav.sample_statistics import rms, rms_length
 from insnav.types import AidingUse

@@ -14,10 +14,9 @@ import pytest
 from matplotlib.figure import Figure
 
 import insnav
-from insnav.certificate import certify, gravity, strapdown_checks
+from insnav.certificate import certify, platform_checks, strapdown_checks
 from insnav.errors import platform_errors
-from insnav.gimbal import PlatformErrors
-from insnav.lab.multi_position.six_positions import find_sections
+from insnav.lab.multi_position.method import find_sections
 from insnav.output.folder import read_facts
 from insnav.result import Result
 from insnav.session.platform_run import demonstrate
@@ -60,7 +59,7 @@ def of_acceptance() -> Result[Any]:
 def of_the_numerics() -> Result[Any]:
     with pytest.MonkeyPatch.context() as patch:  # only what takes no time
         patch.setattr(certify, "TOPICS", (strapdown_checks.coning,))
-        patch.setattr(certify, "OTHERS", (gravity.gravity,))
+        patch.setattr(certify, "OTHERS", (platform_checks.gravity,))
         return insnav.verify()
 
 
@@ -70,7 +69,7 @@ def of_a_platform(**more: Any) -> Result[Any]:
 
 
 def of_a_platform_with_errors() -> Result[Any]:
-    return of_a_platform(errors=PlatformErrors(drift=np.array([1e-7, 0.0, 0.0])), integrator="mean")
+    return of_a_platform(errors={"drift": np.array([1e-7, 0.0, 0.0])}, integrator="mean")
 
 
 def of_the_demonstration() -> Result[Any]:

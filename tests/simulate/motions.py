@@ -10,7 +10,7 @@ import numpy as np
 from insnav.imu import load_imu
 from insnav.imu.specification import ImuSpec
 from insnav.simulate import GpsErrors, corrupt_gps, corrupt_imu, gps_from_truth, imu_from_truth
-from insnav.simulate.motion.kinds import Vehicle
+from insnav.simulate.motion.moves import Vehicle
 from insnav.simulate.truth import Truth
 from insnav.types import GpsData, ImuData
 

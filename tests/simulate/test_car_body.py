@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from insnav.simulate.motion.kinds import Vehicle
+from insnav.simulate.motion.moves import Vehicle
 from tests.simulate.motions import PLACE, Segment, drive
 
 STILL = {"velocity_shake": (0.0, 0.0, 0.0), "angle_shake": (0.0, 0.0, 0.0)}

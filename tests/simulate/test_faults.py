@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from insnav.earth import ned_offset
 from insnav.exceptions import ConfigError
-from insnav.simulate.faults import VERBS, parse_fault
+from insnav.simulate.recording import VERBS, parse_fault
 from insnav.types import GpsData, ImuData
 from tests.refusals import refused
 

@@ -16,10 +16,9 @@ from insnav.earth_fixed import earth_from_lla
 from insnav.input import read_imu
 from insnav.output.data_files import write_data
 from insnav.simulate import Truth, imu_from_truth, reference
-from insnav.simulate.earthfixed import EarthTruth
 from insnav.simulate.motion import library, load_profile
 from insnav.simulate.recording import perfect_imu
-from insnav.simulate.truth import LevelTruth
+from insnav.simulate.truth import EarthTruth, LevelTruth
 from insnav.types import ImuData, Trajectory
 from tests.simulate.profiles import profile
 from tests.simulate.test_truth import earth_state, navigate_in_inertial_space

@@ -10,10 +10,16 @@ import pytest
 from insnav.earth import ned_offset
 from insnav.exceptions import ConfigError
 from insnav.imu import correct, load_imu
-from insnav.simulate.faults import parse_fault
 from insnav.simulate.gps_file import load_gps
-from insnav.simulate.ideal_sensors import imu_from_truth
-from insnav.simulate.recording import REFERENCE_RATE, perfect_imu, simulate_recording, temperature_ramp, times
+from insnav.simulate.recording import (
+    REFERENCE_RATE,
+    parse_fault,
+    perfect_imu,
+    simulate_recording,
+    temperature_ramp,
+    times,
+)
+from insnav.simulate.truth import imu_from_truth
 from tests.refusals import refused
 from tests.simulate.motions import town
 

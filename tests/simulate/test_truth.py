@@ -14,8 +14,7 @@ from scipy.integrate import quad_vec, solve_ivp
 from scipy.spatial.transform import Rotation
 
 from insnav.exceptions import ConfigError
-from insnav.simulate.ideal_sensors import imu_from_truth
-from insnav.simulate.truth import Truth, circle, straight
+from insnav.simulate.truth import Truth, circle, imu_from_truth, straight
 from tests.refusals import refused
 from tests.simulate.motions import PLACE, town
 

@@ -1,7 +1,11 @@
-"""GNSS outage test: windows of a drive navigated without its fixes.
+"""GNSS outage test: windows of a drive navigated without its fixes, and the error growth in windows.
 
 Every window continues from the filter's state at its first epoch, after all earlier fixes and without fixes inside;
 other aiding continues. Later fixes return for a while, so that the smoother has both ends.
+
+The growth has RMS, 95 % and largest error with intervals, and predicted errors. Measured errors are differences to a
+reference and include its variance: this applies to RMS, quantiles and largest errors. Only `Growth.corrected` excludes
+it. A nonpositive result means an error below the reference noise: unknown, not zero.
 """
 
 from __future__ import annotations
@@ -15,19 +19,297 @@ import numpy as np
 
 from insnav.attitude import rph_from_quat, wrap_pi
 from insnav.engine import Workers, every, share_of
-from insnav.errors.outage.statistics import Growth
-from insnav.errors.outage.windows import Outage, comparison_only, navigated_drive, part_of, valid, window_starts
+from insnav.errors.outage import free_inertial
+from insnav.errors.outage.free_inertial import Outage, Windows
 from insnav.exceptions import ConfigError
 from insnav.filter.error_model import FilterState
 from insnav.filter.gates import OF_REFERENCE
 from insnav.filter.navigate import feed
 from insnav.filter.navigator import Navigator
 from insnav.filter.prepare import Prepared
+from insnav.findings import Code, Finding
+from insnav.sample_statistics import CONFIDENCE, chi_square, effective_count, interval, mean_square_interval, means
 from insnav.tabular import Tabular
-from insnav.types import FloatArray, GpsData
+from insnav.types import BoolArray, FloatArray, GpsData, IntArray
 
 if TYPE_CHECKING:
     from insnav.errors.evaluated_run import EvaluatedRun
+
+COMPONENTS = ("north", "east", "down", "along", "cross", "horizontal")
+OUTAGE_COMPONENTS = ("horizontal", "vertical", "velocity", "heading", "smoothed horizontal", "smoothed vertical")
+_STEP = 10.0  # of the times of the tables, for windows up to a minute [s]
+_ROWS = 6  # times in the table of longer windows
+_SHARED = 0.25  # least reported share of the mean square common to all windows [-]
+
+
+@dataclass(frozen=True, slots=True)
+class Growth:
+    """Error statistics of windows of one length at some times since their start, in SI units and radians."""
+
+    times: FloatArray  # (k,) [s]
+    components: tuple[str, ...]  # names of the columns: `COMPONENTS` or `OUTAGE_COMPONENTS`
+    count: int  # number of windows
+    known: IntArray  # (k, q) number of windows with known error
+    effective: float  # effective sample size: equivalent number of non-overlapping windows
+    rms: FloatArray  # (k, q) root mean square including reference errors; ``NaN`` if unknown
+    # (k, q) RMS with the reference variance subtracted; ``NaN`` also if below the noise of the reference
+    corrected: FloatArray
+    reference: FloatArray  # (k, q) RMS standard deviation of the reference
+    # (k, q) 95 % confidence interval of `corrected`; errors common to all windows count as one sample. ``NaN`` for a
+    # too small effective sample size, zero where it includes the reference noise
+    low: FloatArray
+    high: FloatArray
+    # (k, q) 95 % quantile and maximum of the absolute error, including reference errors
+    p95: FloatArray
+    largest: FloatArray
+    predicted: FloatArray  # (k, q) RMS predicted standard deviation
+    # (k, q) share of errors within 3 sd of prediction plus reference [-]; for several axes their mean
+    inside: FloatArray
+    # (k, q) significant share of the mean square common to all windows, from the mean error [-]. Horizontal errors:
+    # north and east, or along and across the track. Another drive has another common error
+    common: FloatArray
+
+    @property
+    def length(self) -> float:
+        """Final time [s]."""
+        return float(self.times[-1])
+
+    @property
+    def inside_at_end(self) -> float:
+        """Share of North, East and Down errors within 3 sd at the final time [-]."""
+        vertical = "vertical" if "vertical" in self.components else "down"
+        inside = self.inside[-1]
+        return float(2.0 * inside[self.column("horizontal")] + inside[self.column(vertical)]) / 3.0
+
+    @property
+    def below_noise(self) -> BoolArray:
+        """True for a known error below the noise of the reference, (k, q)."""
+        return np.asarray(np.isfinite(self.rms) & ~np.isfinite(self.corrected))
+
+    def column(self, component: str) -> int:
+        """Return the column of a component."""
+        return self.components.index(component)
+
+
+def table_times(windows: Windows) -> FloatArray:
+    """Return the times of the tables: 10, 20, …, 60 s, or six times of longer windows."""
+    step = _STEP if windows.length <= _ROWS * _STEP else _STEP * np.ceil(windows.length / (_ROWS * _STEP))
+    times: FloatArray = np.arange(step, windows.length + 1e-6, step)
+    return times if len(times) else windows.grid[-1:]
+
+
+def columns_at(windows: Windows, times: FloatArray) -> IntArray:
+    """Find the columns of the grid nearest to some times."""
+    return np.array([int(np.argmin(np.abs(windows.grid - time))) for time in times], dtype=np.int64)
+
+
+def components(windows: Windows) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Compute errors, predicted and reference variances on every axis, and along and across the track.
+
+    Returns: `error`, `variance`, `reference` (n, k, 6): `COMPONENTS`. For the horizontal error its size, and the sum of
+    the variances of both axes.
+    """
+    c, s = np.cos(windows.course), np.sin(windows.course)
+    north, east, down = np.moveaxis(windows.error[:, :, :3], -1, 0)
+    error = np.stack([north, east, down, c * north + s * east, c * east - s * north, np.hypot(north, east)], axis=-1)
+    parts = []
+    for p in (windows.covariance[:, :, :3, :3], windows.reference_sd[:, :, :3, None] ** 2 * np.eye(3)):
+        nn, ee, dd, ne = p[..., 0, 0], p[..., 1, 1], p[..., 2, 2], p[..., 0, 1]
+        along, cross = c * c * nn + 2 * c * s * ne + s * s * ee, s * s * nn - 2 * c * s * ne + c * c * ee
+        parts.append(np.stack([nn, ee, dd, along, cross, nn + ee], axis=-1))
+    return error, parts[0], parts[1]
+
+
+def growth(windows: Windows, times: FloatArray | None = None) -> Growth:
+    """Summarise free-inertial windows at some times.
+
+    `times` (k,) [s]; by default from `table_times`.
+    """
+    at = columns_at(windows, table_times(windows) if times is None else times)
+    error, variance, reference = (values[:, at] for values in components(windows))
+    inside = (error**2 <= 9.0 * (variance + reference)).astype(np.float64)
+    inside[..., 5] = inside[..., :2].mean(axis=-1)
+    axes = [error[..., [i]] for i in range(5)] + [error[..., :2]]
+    # turn-on errors belong to one sensor, even if changing headings average them out
+    shared = 1.0 if windows.uncalibrated else 0.0
+    return _summed(
+        windows.grid[at], COMPONENTS, windows.start, windows.length, axes, variance, reference, inside, shared
+    )
+
+
+def outage_growth(windows: Sequence[Outage]) -> list[Growth]:
+    """Summarise GNSS outages at their end, by length; smoothed errors at their predicted maximum."""
+    found = []
+    for length in sorted({window.length for window in windows}):
+        chosen = [window for window in windows if window.length == length]
+        vectors = [np.stack(each) for each in zip(*(_vectors(window) for window in chosen), strict=True)]
+        variance, reference, inside = (np.empty((len(chosen), 1, len(vectors))) for _ in range(3))
+        for column, vector in enumerate(vectors):
+            error, sd, reference_sd = np.moveaxis(vector, 1, 0)
+            variance[:, 0, column] = np.sum(sd**2, axis=1)
+            reference[:, 0, column] = np.nansum(reference_sd**2, axis=1)
+            inside[:, 0, column] = np.mean(np.abs(error) <= 3.0 * np.hypot(sd, reference_sd), axis=1)
+        axes = [vector[:, None, 0] for vector in vectors]
+        start = np.array([window.start for window in chosen])
+        found.append(_summed(np.array([length]), OUTAGE_COMPONENTS, start, length, axes, variance, reference, inside))
+    return found
+
+
+def common_error(found: Growth) -> tuple[Finding, ...]:
+    """Report the share of the horizontal error common to all windows, if it is large."""
+    share = float(found.common[-1, found.column("horizontal")])
+    finding = Finding.of(Code.OUTAGE_COMMON, share=share, limit_share=_SHARED, duration_s=found.length)
+    return (finding,) if share >= _SHARED else ()
+
+
+def horizontal_at(windows: Sequence[Outage], times: Sequence[float], near: float) -> tuple[FloatArray, FloatArray]:
+    """Compute horizontal error and sd of outages at the epochs nearest to some times.
+
+    `times`: since their start [s]. `near`: largest distance of such an epoch [s].
+    Returns: `error`, `sd` (n, k) [m]; ``NaN`` without an epoch.
+    """
+    found = np.full((2, len(windows), len(times)), np.nan)
+    for row, window in enumerate(windows):
+        for column, wanted in enumerate(times):
+            at = int(np.argmin(np.abs(window.elapsed - wanted)))
+            if abs(window.elapsed[at] - wanted) < near:
+                found[:, row, column] = np.hypot(*window.error[at, :2]), np.hypot(*window.sd[at, :2])
+    return found[0], found[1]
+
+
+def by_motion(windows: Windows, times: FloatArray | None = None) -> dict[str, Growth | None]:
+    """Compute `growth` of stationary, straight and turning windows; None without such windows."""
+    found: dict[str, Growth | None] = {}
+    for motion in free_inertial.MOTIONS:
+        chosen = windows.motion == motion
+        found[motion] = growth(windows.only(chosen), times) if chosen.any() else None
+    return found
+
+
+def _vectors(window: Outage) -> list[FloatArray]:
+    """Return error, sd and reference sd, (3, axes), of each of `OUTAGE_COMPONENTS`."""
+    end = np.stack([window.error[-1], window.sd[-1], window.reference_sd[-1]])
+    heading = np.array([[window.heading[-1]], [window.heading_sd[-1]], [0.0]])
+    # the predicted maximum, independent of reference noise
+    at = int(np.argmax(np.hypot(window.smoothed_sd[:, 0], window.smoothed_sd[:, 1])))
+    smoothed = np.stack([window.smoothed[at], window.smoothed_sd[at], window.reference_sd[at]])
+    return [end[:, :2], end[:, 2:3], end[:, 3:], heading, smoothed[:, :2], smoothed[:, 2:3]]
+
+
+def _summed(
+    times: FloatArray,
+    names: tuple[str, ...],
+    start: FloatArray,
+    length: float,
+    error: Sequence[FloatArray],
+    variance: FloatArray,
+    reference: FloatArray,
+    inside: FloatArray,
+    shared: float = 0.0,
+) -> Growth:
+    """Summarise errors, (n, k, axes) per component, with predicted and reference variances.
+
+    `shared`: known least share of the mean square common to all windows.
+    """
+    size = np.stack([np.linalg.norm(each, axis=-1) for each in error], axis=-1)
+    known, once = np.isfinite(size), np.ones((1, len(start)))
+    effective = effective_count(start, length)
+
+    def mean(values: FloatArray | BoolArray) -> FloatArray:
+        return np.asarray(means(np.where(known, values, np.nan), once)[0])
+
+    square, taken_off = mean(size**2), mean(reference)
+    # degrees of freedom of a squared error, below the number of axes if one dominates (Satterthwaite 1946)
+    per_axis = [means(each**2, once)[0] for each in error]
+    axes = np.stack([each.sum(axis=-1) ** 2 / np.maximum((each**2).sum(axis=-1), 1e-300) for each in per_axis], -1)
+    middle = [(means(each, once)[0] ** 2).sum(axis=-1) for each in error]
+    if "along" in names:
+        at = [names.index(each) for each in ("horizontal", "along", "cross")]
+        middle[at[0]] = np.maximum(middle[at[0]], middle[at[1]] + middle[at[2]])
+    with np.errstate(divide="ignore", invalid="ignore"):
+        beyond = (np.stack(middle, axis=-1) - square / effective) / max(1.0 - 1.0 / effective, 1e-9) / square
+    common = np.clip(np.where(effective > 1.0, beyond, np.nan), 0.0, 1.0)
+    low, high = (
+        each - taken_off for each in mean_square_interval(start, length, size**2, axes, np.fmax(common, shared))
+    )
+    left = square - taken_off
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return Growth(
+            times,
+            names,
+            len(start),
+            known.sum(axis=0),
+            effective,
+            np.sqrt(square),
+            np.sqrt(np.where(left > 0.0, left, np.nan)),
+            np.sqrt(taken_off),
+            np.sqrt(np.maximum(low, 0.0)),
+            np.sqrt(np.maximum(high, 0.0)),
+            _quantile(size, 0.95),
+            _quantile(size, 1.0),
+            np.sqrt(mean(variance)),
+            mean(inside),
+            common,
+        )
+
+
+def _quantile(values: FloatArray, share: float) -> FloatArray:
+    """Compute a quantile of the known values over the windows; ``NaN`` without values."""
+    none = ~np.isfinite(values).any(axis=0)
+    found = np.nanquantile(np.where(none, 0.0, values), share, axis=0)
+    return np.asarray(np.where(none, np.nan, found))
+
+
+_MEAN_SIZE = np.sqrt(2.0 / np.pi)  # of a normal number with unit standard deviation
+_ONE_SENSOR = 1.7  # effective number of turn-on errors of two level axes, unequal as they are (201 simulated drives)
+
+
+@dataclass(frozen=True, slots=True)
+class Regression:
+    """Regression of recorded error sizes on predicted standard deviations."""
+
+    slope: float  # one if the prediction is right, two if errors are twice as large
+    # 95 % confidence interval: the wider of block bootstrap and chi-square (two axes per independent window, one window
+    # if all share turn-on errors); ``NaN`` for a too small effective sample size
+    low: float
+    high: float
+    # share of the variation explained by the line [-]: at most about 0.6 for normal errors of very different predicted
+    # sizes, less for similar predictions
+    r_squared: float
+    # (m,) points: predicted standard deviation including reference, and error size over the mean size of a standard
+    # normal number [m]
+    predicted: FloatArray
+    recorded: FloatArray
+
+
+def regression(windows: Windows) -> Regression:
+    """Regress North and East errors at the times of the tables on their prediction, through the origin.
+
+    The points are weighted by the inverse of their predicted variance, as the scatter grows with the size.
+    """
+    at = columns_at(windows, table_times(windows))
+    error, variance, reference = (values[:, at, :2] for values in components(windows))
+    predicted = np.sqrt(variance + reference)
+    recorded = np.abs(error) / _MEAN_SIZE
+
+    ratio, known = recorded / predicted, np.isfinite(recorded)
+    total, count = np.where(known, ratio, 0.0).sum(axis=(1, 2)), known.sum(axis=(1, 2))
+
+    def slope(weights: FloatArray) -> FloatArray:
+        return np.asarray((weights @ total) / (weights @ count))
+
+    low, high = interval(windows.start, windows.length, slope)
+    found = float(np.mean(ratio[known]))
+    freedom = _ONE_SENSOR if windows.uncalibrated else 2.0 * effective_count(windows.start, windows.length)
+    ends = (chi_square(freedom, 0.5 + sign * 0.5 * CONFIDENCE) for sign in (1.0, -1.0))
+    narrow, wide = (found * np.sqrt(freedom / end) for end in ends)
+    low, high = np.minimum(low, narrow), np.maximum(high, wide)
+    x, y = predicted[known], recorded[known]
+    left = float(np.sum((y - found * x) ** 2 / x**2))
+    mean = float(np.sum(y / x**2) / np.sum(1.0 / x**2))
+    about = float(np.sum((y - mean) ** 2 / x**2))
+    return Regression(found, float(low), float(high), 1.0 - left / about if about > 0.0 else np.nan, x, y)
+
 
 RECOVERY = 60.0  # time after the window with fixes for the smoother [s]
 _STATES = ("north_m", "east_m", "down_m", "v_north_m_s", "v_east_m_s", "v_down_m_s")
@@ -59,9 +341,11 @@ def outages(
         raise ConfigError("outage.bad_windows", given_s=tuple(wrong))
     fixes = ready.gps.time - ready.settings.delay
     begin, end = ready.initial.time, float(min(ready.imu.time[-1], fixes[-1]))
-    rows = window_starts(fixes, begin, end, lengths[0], first=first, spacing=spacing, rule="quarter of drive")
+    rows = free_inertial.window_starts(
+        fixes, begin, end, lengths[0], first=first, spacing=spacing, rule="quarter of drive"
+    )
     share = 0.3  # share of the drive itself in the work
-    drive = navigated_drive(ready, ready.gps.time[rows], share_of(progress, 0.0, share))
+    drive = free_inertial.navigated_drive(ready, ready.gps.time[rows], share_of(progress, 0.0, share))
     assert drive.run.smoothed is not None
     if callable(reference):
         reference = reference(drive.run.lever_b)
@@ -74,7 +358,7 @@ def outages(
         if state.time + length <= min(end, ready.unbroken_until(state.time)) + 1e-6
     ]
     # input of a window for its process
-    jobs = [(part_of(ready, state, length + RECOVERY), state, length) for state, length in tasks]
+    jobs = [(free_inertial.part_of(ready, state, length + RECOVERY), state, length) for state, length in tasks]
     results = every(_window, jobs, workers, (reference, course), share_of(progress, share, 1.0 - share))
     return [window for window in results if window is not None and window.elapsed.size]
 
@@ -117,7 +401,7 @@ def _fixes(gps: GpsData, reference: GpsData | None, start: float, stop: float, e
     later = (gps.time > start + 1e-6) & (gps.time <= end)
     inside = later & (gps.time <= stop + 1e-6)
     if reference is None:
-        compared = gps.rows(inside & valid(gps))
+        compared = gps.rows(inside & free_inertial.valid(gps))
     else:
         time = reference.time
         chosen = (time > start + 1e-6) & (time <= stop + 1e-6)
@@ -132,7 +416,7 @@ def _fixes(gps: GpsData, reference: GpsData | None, start: float, stop: float, e
     # receiver headings are removed and returned with the fixes
     unknown = None if gps.heading is None else np.full(compared.time.shape[0], np.nan)
     kind = 0 if reference is None else OF_REFERENCE
-    return replace(comparison_only(compared, kind), heading=unknown).joined(after)
+    return replace(free_inertial.comparison_only(compared, kind), heading=unknown).joined(after)
 
 
 @dataclass(frozen=True, slots=True)

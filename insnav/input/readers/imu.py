@@ -13,7 +13,7 @@ import numpy as np
 from insnav import spill
 from insnav.exceptions import ConfigError, InputError
 from insnav.findings import Code, Finding
-from insnav.imu.raw_outputs import RawScale
+from insnav.imu.model import RawScale
 from insnav.input.formats.conventions import number_in
 from insnav.input.formats.registry import open_table
 from insnav.input.formats.table import Table

@@ -1,31 +1,277 @@
-"""Multi-position calibration without a table: many poses with turns between them, or six positions and three turns."""
+"""Multi-position calibration without a table: many poses with turns between them, or six positions and three turns.
+
+In six positions each axis is up and down at rest; then a turn about each follows.
+
+References
+----------
+F. Ferraris, U. Grimaldi, M. Parvis, "Procedure for effortless in-field calibration of three-axial rate gyro and
+accelerometers", Sensors and Materials 7 (1995) 311-330: accelerometers from sums and differences of opposite
+positions, gyros from integrals over the turns.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import itertools
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import cast
 
 import numpy as np
 
-from insnav.exceptions import ConfigError
+from insnav.config_file import read_toml
+from insnav.exceptions import ConfigError, InputError, reason_of
 from insnav.findings import Code, Finding
-from insnav.imu.higher_order import ErrorTerms
-from insnav.imu.model import ImuErrors
-from insnav.imu.raw_outputs import RawScale
+from insnav.imu.model import ErrorTerms, ImuErrors, RawScale
 from insnav.input.formats.table import Table
 from insnav.input.interpret.axes import axes_matrix
 from insnav.input.readers.imu import read_imu
 from insnav.input.readers.reading import Reading, ReadingFacts
 from insnav.lab.calibration import BenchOptions, Calibration, CalibrationSd, badly_conditioned, few, warming
-from insnav.lab.multi_position.many_positions import PosesCalibration, calibrate_poses
-from insnav.lab.multi_position.six_positions import SixPositions, calibrate_six_positions, read_sections
-from insnav.lab.multi_position.triad import Triad
+from insnav.lab.multi_position import many_positions
+from insnav.lab.multi_position.many_positions import Pose, PosesCalibration
+from insnav.lab.multi_position.triad import AXES, MultiPosition, Triad, corrected
 from insnav.plain_text import plain_text
 from insnav.quantity import Quantity
 from insnav.sample_statistics import rms
+from insnav.strapdown import nominal_interval
 from insnav.types import FloatArray, ImuData, Sampling, Stamp
 from insnav.units import G0
+
+POSITIONS = tuple(f"{axis}_{way}" for axis in AXES for way in ("p", "a"))
+TURNS = tuple(f"{axis}_rot" for axis in AXES)
+SECTIONS = POSITIONS + TURNS
+TURN_SD = np.deg2rad(1.0)  # accuracy of a manual turn [rad]
+OFF_AXIS = 0.5  # share of gravity, or of the turn, across the axis that excludes that position or turn
+SHORT_TURN = 0.2  # a turn that misses a larger share of its angle is rejected
+_SAME_POSE = np.deg2rad(20.0)  # between the poses around a turn about the vertical [rad]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SixPositions(MultiPosition):
+    """Result of a calibration by six positions and three turns."""
+
+    # samples ``first`` up to, not including, ``last`` of ``x_p`` (x up), ``x_a`` (x down), …, ``x_rot``, …
+    sections: dict[str, tuple[int, int]]
+    angle: float  # angle of each turn [rad]
+    # (3,) integrated gyro outputs before calibration, with the sign of the turn [unit of the record times s]
+    turned: FloatArray
+    force_after: FloatArray  # (6, 3) corrected specific force in each position minus the ideal one [m/s^2]
+    # tilt of the positions, one standard deviation, from the disagreement of opposite positions [rad]
+    tilt: float
+
+
+def calibrate_six_positions(
+    imu: ImuData,
+    g: float,
+    sections: Mapping[str, tuple[int, int]] | None = None,
+    *,
+    turn: float = 2.0 * np.pi,
+    counts: bool = False,
+) -> SixPositions:
+    """Calibrate by six positions and three turns.
+
+    `imu`: record in SI units, or in any units if `counts`. `g`: local gravity [m/s^2]. `sections`: first and last plus
+    one sample of all `SECTIONS`; by default from `find_sections`. `turn`: angle of each turn [rad]; the gyros give its
+    sense. `counts`: sensitivities are unknown.
+    Raises: InputError: sections with wrong content, short turns, impossible units. ConfigError: sections that are
+    missing or outside the record.
+    """
+    if imu.sampling == "increment":
+        raise InputError("lab.increments")
+    chosen = find_sections(imu) if sections is None else check_sections(sections, imu.time.shape[0])
+    poses = [many_positions.pose_between(imu, *chosen[name]) for name in POSITIONS]
+    force, rate = np.array([p.force for p in poses]), np.array([p.rate for p in poses])
+    if not counts:
+        many_positions.refuse_force_units(force, g)
+    accel, tilt = _accelerometers(force, poses, g)
+    _refuse_positions(force, accel, g)
+    sensitivity = (rate[0::2] - rate[1::2]).T / (2.0 * g)
+    bias = rate.mean(axis=0)  # equal weight of positions of any length: g-sensitivity then cancels
+    bias_sd = ((rate[0::2] + rate[1::2]) / 2.0).std(axis=0, ddof=1) / np.sqrt(3.0)
+    integral = np.empty((3, 3))
+    for column, name in enumerate(TURNS):
+        first, last = chosen[name]
+        step = nominal_interval(imu.time[first:last])
+        felt = corrected(accel, imu.accel[first:last])
+        integral[:, column] = np.sum(imu.gyro[first:last] - bias - felt @ sensitivity.T, axis=0) * step
+    side = np.sign(np.diag(integral))
+    _refuse_turns(integral, turn, counts)
+    matrix = integral / (side * turn)
+    size = np.abs(np.diag(matrix))
+    duration = np.array([imu.time[chosen[n][1] - 1] - imu.time[chosen[n][0]] for n in TURNS])
+    # off the diagonal the axis of the turn is as far off as the positions are; on it the angle counts
+    matrix_sd = np.where(np.eye(3, dtype=bool), TURN_SD / turn, tilt) * size[:, None]
+    matrix_sd = np.hypot(matrix_sd, bias_sd[:, None] * duration / turn)
+    gyro = Triad(bias, matrix, bias_sd, matrix_sd, float(np.linalg.cond(matrix / size[:, None])))
+    ideal = _ideal(g)
+    after = corrected(accel, force)
+    nominal = force if not counts else (force - accel.bias.mean()) / np.diag(accel.matrix).mean()
+    moving = np.ones(imu.time.shape[0], dtype=np.bool_)
+    for name in POSITIONS:
+        moving[slice(*chosen[name])] = False
+    return SixPositions(
+        sections=chosen,
+        accel=accel,
+        gyro=gyro,
+        g_sensitivity=sensitivity,
+        # of two rests, where the bias is of six
+        g_sensitivity_sd=np.tile(np.sqrt(3.0) * bias_sd[:, None] / g, (1, 3)),
+        angle=turn,
+        turned=np.diag(integral).copy(),
+        force_after=after - ideal,
+        norm_before=np.linalg.norm(nominal, axis=1) - g,
+        norm_after=np.linalg.norm(after, axis=1) - g,
+        tilt=tilt,
+        clipped=int(np.count_nonzero(many_positions.clipped(imu.gyro, moving))),
+        g=g,
+        counts=counts,
+    )
+
+
+def _ideal(g: float) -> FloatArray:
+    """Specific force in the six positions, (6, 3)."""
+    return np.array([way * g * np.eye(3)[axis] for axis in range(3) for way in (1.0, -1.0)])
+
+
+def _accelerometers(force: FloatArray, poses: list[Pose], g: float) -> tuple[Triad, float]:
+    """Estimate accelerometers from opposite positions, and the tilt of the positions.
+
+    The bias of an axis comes from its two vertical positions: a tilt changes these in second order only. Other axes
+    then measure the tilt beyond their bias, which is first order off the diagonal.
+    """
+    up, down = force[0::2], force[1::2]
+    half = (up + down) / 2.0
+    matrix = (up - down).T / (2.0 * g)
+    bias = np.diag(half).copy()
+    scale = np.diag(matrix)
+    off = ~np.eye(3, dtype=bool)
+    tilt = float(np.sqrt(2.0 * np.mean(((half - bias) / scale)[off] ** 2)) / g)
+    noise = np.array([pose.force_sd / np.sqrt(pose.count) for pose in poses])
+    pair = np.sqrt(np.diag(noise[0::2] ** 2 + noise[1::2] ** 2)) / 2.0
+    # a tilt of t lowers the specific force of a vertical axis by 1 - cos t
+    second = np.abs(scale) * g * tilt**2 / np.sqrt(2.0)
+    matrix_sd = np.where(off, np.abs(scale)[:, None] * tilt / np.sqrt(2.0), np.diag(np.hypot(pair, second) / g))
+    condition = float(np.linalg.cond(matrix / scale[:, None]))
+    return Triad(bias, matrix, np.hypot(pair, second), matrix_sd, condition), tilt
+
+
+def _refuse_positions(force: FloatArray, accel: Triad, g: float) -> None:
+    scale = np.diag(accel.matrix)
+    if (np.abs(scale) < 1e-9 * np.abs(force).max() / g).any():
+        raise InputError("lab.positions_alike")
+    feels = (force - accel.bias) / (np.abs(scale) * g)
+    for name, felt, ideal in zip(POSITIONS, feels, _ideal(1.0), strict=True):
+        axis = int(np.argmax(np.abs(ideal)))
+        across = float(np.linalg.norm(np.delete(felt, axis)))
+        if felt[axis] * ideal[axis] < 0.0 or across > OFF_AXIS:
+            raise InputError(
+                "lab.section_pose",
+                section=name,
+                pose=f"{name[0]} {'up' if name.endswith('p') else 'down'}",
+                force=tuple(felt.tolist()),
+            )
+
+
+def _refuse_turns(integral: FloatArray, turn: float, counts: bool) -> None:
+    for axis, name in enumerate(TURNS):
+        own = abs(integral[axis, axis])
+        across = float(np.linalg.norm(np.delete(integral[:, axis], axis)))
+        if across > OFF_AXIS * own:
+            raise InputError(
+                "lab.section_axis", section=name, axis=AXES[axis], integrals=tuple(integral[:, axis].tolist())
+            )
+        if not counts and abs(own / turn - 1.0) > SHORT_TURN:
+            raise InputError(
+                "lab.section_angle", section=name, turn_rad=turn, sensor=f"gyro {AXES[axis]}", angle_rad=own
+            )
+    own = np.abs(np.diag(integral))
+    if counts and own.max() > (1.0 + SHORT_TURN) * own.min():
+        raise InputError("lab.turns_unequal", integrals=tuple(own.tolist()))
+
+
+def check_sections(sections: Mapping[str, tuple[int, int]], n: int) -> dict[str, tuple[int, int]]:
+    """Make sure that all sections are there and inside the record.
+
+    `sections`: first and last plus one sample. `n`: samples of the record. Raises: ConfigError: all that is wrong at
+    once.
+    """
+    missing = tuple(name for name in SECTIONS if name not in sections)
+    unknown = tuple(name for name in sections if name not in SECTIONS)
+    outside = tuple(name for name, (first, last) in sections.items() if not 0 <= first < last - 2 < n - 1)
+    if missing or unknown or outside:
+        raise ConfigError(
+            "lab.sections_unusable", missing=missing, unknown=unknown, outside=outside, samples=n, known=SECTIONS
+        )
+    return {name: (int(sections[name][0]), int(sections[name][1])) for name in SECTIONS}
+
+
+def find_sections(imu: ImuData) -> dict[str, tuple[int, int]]:
+    """Find six positions and three turns in a record.
+
+    Positions are the longest stationary spans with each axis up and down. Turns are between two such spans of one pose,
+    with vertical axis, and are the largest about each axis.
+
+    Raises: InputError: positions or turns are missing.
+    """
+    activity = many_positions.measure_activity(imu)
+    poses = many_positions.find_poses(imu, activity, many_positions.FACTORS[2])
+    if len(poses) < len(POSITIONS):
+        raise InputError("lab.few_spans", count=len(poses))
+    force = np.array([pose.force for pose in poses])
+    # middle of opposite extremes: the bias even of raw counts, as far as up and down need it
+    middle = (force.max(axis=0) + force.min(axis=0)) / 2.0
+    half = np.maximum((force.max(axis=0) - force.min(axis=0)) / 2.0, 1e-12 * np.abs(force).max())
+    up = (force - middle) / half
+    up /= np.linalg.norm(up, axis=1)[:, None]
+    found: dict[str, tuple[int, int]] = {}
+    for name, ideal in zip(POSITIONS, _ideal(1.0), strict=True):
+        near = [pose for pose, way in zip(poses, up, strict=True) if way @ ideal > np.cos(np.arcsin(OFF_AXIS))]
+        if near:
+            best = max(near, key=lambda pose: pose.count)
+            found[name] = (best.first, best.last)
+    bias = np.median([pose.rate for pose in poses], axis=0)
+    largest: dict[str, float] = {}
+    for (a, b), (way, then) in zip(itertools.pairwise(poses), itertools.pairwise(up), strict=True):
+        first, last = a.last, b.first
+        axis = int(np.argmax(np.abs(way)))
+        if last - first < 3 or way @ then < np.cos(_SAME_POSE) or abs(way[axis]) < np.cos(np.arcsin(OFF_AXIS)):
+            continue
+        angle = np.abs(np.sum(imu.gyro[first:last] - bias, axis=0)) * activity.interval
+        name = TURNS[axis]
+        if int(np.argmax(angle)) == axis and angle[axis] > largest.get(name, 0.0):
+            largest[name], found[name] = float(angle[axis]), (first, last)
+    missing = tuple(name for name in SECTIONS if name not in found)
+    if missing:
+        raise InputError("lab.section_missing", sections=missing, count=len(poses))
+    return {name: found[name] for name in SECTIONS}
+
+
+def read_sections(path: Path) -> dict[str, tuple[int, int]]:
+    """Sections of a record from a JSON or TOML file.
+
+    `path`: ``{"x_p": {"start": 0, "end": 500}, …}`` or ``{"x_p": [0, 500], …}``. Returns first sample and last plus
+    one. Raises: ConfigError: it cannot be read or understood.
+    """
+    if path.suffix.lower() == ".toml":
+        content = read_toml(path)
+    else:
+        try:
+            content = json.loads(path.read_text(encoding="utf-8"))
+        except (OSError, ValueError, RecursionError) as error:
+            raise ConfigError("lab.sections_unreadable", where=str(path), reason=reason_of(error)) from None
+    spans, wrong = {}, []
+    for name, value in content.items() if isinstance(content, dict) else ():
+        pair = [value.get("start"), value.get("end")] if isinstance(value, dict) else value
+        if isinstance(pair, list) and len(pair) == 2 and all(type(item) is int for item in pair):
+            spans[str(name)] = (pair[0], pair[1])
+        else:
+            wrong.append(str(name))
+    if wrong or not spans:
+        raise ConfigError("lab.sections_not_understood", where=str(path), sections=tuple(wrong))
+    return spans
+
 
 Found = PosesCalibration | SixPositions
 RAW_UNIT = "LSB"  # of a record whose headers state none
@@ -70,7 +316,7 @@ def fit(record: Reading[ImuData], how: BenchOptions) -> Calibration[ReadingFacts
     found: Found = (
         calibrate_six_positions(data, how.gravity, sections, turn=how.turn, counts=how.counts)
         if how.six
-        else calibrate_poses(data, how.gravity, counts=how.counts)
+        else many_positions.calibrate_poses(data, how.gravity, counts=how.counts)
     )
     sensed, sd = errors_in_si(found)
     errors = file_errors(

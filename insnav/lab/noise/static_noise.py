@@ -34,8 +34,7 @@ from insnav.lab.noise.allan import (
     even_record,
     smallest_step,
 )
-from insnav.lab.noise.noise_model import B_FACTOR, NoiseModel, evaluated, fit_noise
-from insnav.lab.noise.sinusoids import SEEN, Sinusoid, find_sinusoids
+from insnav.lab.noise.noise_model import B_FACTOR, SEEN, NoiseModel, Sinusoid, evaluated, find_sinusoids, fit_noise
 from insnav.types import BoolArray, FloatArray, ImuData
 from insnav.units import DEG
 

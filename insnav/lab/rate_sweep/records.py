@@ -15,14 +15,7 @@ from insnav.exceptions import InputError
 from insnav.findings import Code, Finding
 from insnav.input.formats.table import Table
 from insnav.input.interpret.schema import schema
-from insnav.lab.bench_data.bench_tables import (
-    BenchTable,
-    Dwells,
-    default_limit,
-    dwell_warnings,
-    read_bench,
-    reduce_dwells,
-)
+from insnav.lab.bench_data import BenchTable, Dwells, default_limit, dwell_warnings, read_bench, reduce_dwells
 from insnav.lab.calibration import STANDARD, WRONG_UNIT, BenchOptions, about, common_unit, few
 from insnav.lab.least_squares import Fit
 from insnav.lab.single_axis.rate_table import FEWEST, Dropped

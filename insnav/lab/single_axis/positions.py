@@ -17,13 +17,12 @@ from typing import Any
 import numpy as np
 
 from insnav.exceptions import InputError
-from insnav.imu.model import ImuErrors
-from insnav.imu.raw_outputs import RawScale
+from insnav.imu.model import ImuErrors, RawScale
 from insnav.input.formats.registry import open_table
 from insnav.input.formats.table import Table
 from insnav.input.interpret.columns import understand
 from insnav.input.interpret.schema import schema
-from insnav.lab.bench_data.bench_tables import BenchTable, read_bench
+from insnav.lab.bench_data import BenchTable, read_bench
 from insnav.lab.calibration import (
     WRONG_UNIT,
     BenchOptions,

@@ -1,9 +1,12 @@
-"""Scale factor and zero of a gyro on a rate table: a straight line through its output without saturated rates.
+"""Bench files of one sensor at a time, and scale factor and zero of a gyro on a rate table.
 
-U = U0 + K w + v, with output U and table rate w. A sensor leaves the line at the ends of its range first, so the line
-grows from the middle outwards. A rate is included if it agrees with the line through the previous rates. After the
-first disagreement, all rates beyond on that side are dropped. A line with a corner detects a remaining bend at an end,
-where each rate deviates by less than its noise.
+The output is in volts, counts, or in the unit of the input. For volts and counts the calibration file contains a line
+(`insnav.imu.model`), otherwise a bias and a scale factor.
+
+The line through the output excludes saturated rates: U = U0 + K w + v, with output U and table rate w. A sensor leaves
+the line at the ends of its range first, so the line grows from the middle outwards. A rate is included if it agrees
+with the line through the previous rates. After the first disagreement, all rates beyond on that side are dropped. A
+line with a corner detects a remaining bend at an end, where each rate deviates by less than its noise.
 """
 
 from __future__ import annotations
@@ -11,19 +14,22 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any, Literal, Protocol, TypeVar
 
 import numpy as np
 from scipy.special import stdtr
 
 from insnav.exceptions import InputError
 from insnav.findings import Code, Finding
+from insnav.imu.model import ImuErrors, RawScale
 from insnav.input.formats.table import Table
-from insnav.input.interpret.schema import schema
-from insnav.lab.calibration import BenchOptions, Calibration, few
+from insnav.input.interpret.schema import Quantity, schema
+from insnav.lab import calibration
+from insnav.lab.bench_data import BenchTable, Dwells, default_limit, dwell_warnings, read_bench, reduce_dwells
+from insnav.lab.calibration import BenchOptions, Calibration, CalibrationSd
 from insnav.lab.least_squares import Fit, coverage_factor, linear_fit
-from insnav.lab.single_axis.records import Record, read_records, refuse_unit, triad_calibration
 from insnav.types import BoolArray, FloatArray, IntArray
-from insnav.units import DEG
+from insnav.units import DEG, UNITS
 
 FALSE_ALARM = 0.01  # probability of dropping anything from a record without saturation
 SOFT = 0.05  # the same for a bend at an end; with less, the interval of K seldom contains the truth at a bend
@@ -32,6 +38,123 @@ FEWEST = 5  # rates for a line with uncertainty
 NAMES = ("zero U0", "scale factor K")
 USUAL_RATES = 10  # ± 10, 20, 40, 60, 80 deg/s
 SCHEMA = schema("rate_table")
+
+
+@dataclass(frozen=True, slots=True)
+class Record:
+    """Bench file of one sensor, reduced to one output per dwell."""
+
+    table: BenchTable  # as read
+    dwells: Dwells  # setting [rad/s] or [rad], output in `unit`
+    unit: str  # of the output
+    warnings: tuple[Finding, ...]
+
+    @property
+    def setting(self) -> FloatArray:
+        """Rate [rad/s] or angle [rad] of each dwell, (n,)."""
+        return self.dwells.setting[:, 0]
+
+    @property
+    def output(self) -> FloatArray:
+        """Output of each dwell, (n,)."""
+        return self.dwells.value[:, 0]
+
+    @property
+    def raw(self) -> bool:
+        """True if the output is in volts or counts."""
+        return UNITS[self.unit][0] == "signal"
+
+
+def read_records(
+    files: Sequence[str | Path | Table], schema: Sequence[Quantity], how: BenchOptions = calibration.STANDARD
+) -> tuple[Record, ...]:
+    """Read the files of x, y, z, or of one sensor that stands for all three; see `read_record`.
+
+    Raises: InputError: there are not one or three, or their outputs have different units.
+    """
+    records = tuple(read_record(file, schema, how) for file in files)
+    if len(records) not in (1, 3):
+        raise InputError("lab.not_three_sensors", count=len(records))
+    calibration.common_unit([(item.table.name, item.unit) for item in records])
+    return records
+
+
+def read_record(
+    path: str | Path | Table, schema: Sequence[Quantity], how: BenchOptions = calibration.STANDARD
+) -> Record:
+    """Read the file of one sensor.
+
+    `path`: columns of setting and output; several successive rows of one setting are the samples of a dwell. `schema`:
+    setting, raw output, output in the unit of the input. `how`: columns and limit of spikes. Raises: InputError: the
+    file cannot be used.
+    """
+    setting = schema[0].key
+    table = read_bench(path, schema, (setting, "output"), columns=how.columns, alternatives={"output": "sensed"})
+    key = "output" if "output" in table.columns else "sensed"
+    unit = table.units[key] if key == "output" else schema[2].unit
+    values = table.columns[key] / (1.0 if key == "output" else UNITS[unit][1])
+    limit = how.spike_limit if how.spike_limit is not None else default_limit(unit)
+    dwells = reduce_dwells(table.columns[setting][:, None], values[:, None], limit, table.get("time"), where=table.name)
+    return Record(table, dwells, unit, dwell_warnings(dwells, ("",), table.get("temperature")))
+
+
+def refuse_unit(record: Record, scale: float) -> None:
+    """Refuse a digital output that is not in the unit of its column; volts and counts may have any scale."""
+    if not record.raw and abs(scale - 1.0) > calibration.WRONG_UNIT:
+        raise InputError(
+            "lab.output_reversed" if scale < 0.0 else "lab.output_unit",
+            where=record.table.name,
+            scale=scale,
+            unit=record.unit,
+        )
+
+
+class Fitted(Protocol):
+    """Common part of a method's results for one sensor: zero and scale factor first."""
+
+    @property
+    def fit(self) -> Fit:
+        """Fit of its parameters."""
+
+
+F = TypeVar("F", bound=Fitted)
+
+
+def triad_calibration(
+    sensor: Literal["gyro", "accel"],
+    record: tuple[Record, ...],
+    found: tuple[F, ...],
+    per: float,
+    per_units: Sequence[str],
+    how: BenchOptions,
+    by_sensor: Sequence[tuple[Finding, ...]],
+) -> Calibration[tuple[Record, ...], tuple[F, ...]]:
+    """Build the calibration of zero and scale factor of sensors x, y, z, or of one sensor for all.
+
+    `found`: of each, scale factors for a setting of `per` [rad/s] or [m/s^2]. `per_units`: denominator of each
+    parameter's unit after the output unit. `by_sensor`: warnings of the method.
+    """
+    names = ("x", "y", "z") if len(record) == 3 else ("sensor",)
+    fits = {name: item.fit for name, item in zip(names, found, strict=True)}
+    value, sd = (np.array([getattr(fit, key)[:2] for fit in fits.values()]) for key in ("value", "sd"))
+    (zero, scale), (zero_sd, scale_sd) = (np.array(each if len(each) == 3 else [each[0]] * 3).T for each in (value, sd))
+    unit, size = record[0].unit, np.abs(scale)
+    known: dict[str, Any]
+    if record[0].raw:
+        known = {f"{sensor}_raw": RawScale(unit, zero, scale / per)}
+    else:
+        si = UNITS[unit][1]
+        known = {f"{sensor}_bias": zero * si, f"{sensor}_matrix": np.diag(scale / (per / si))}
+    spread: dict[str, Any] = {f"{sensor}_bias": zero_sd / size * per, f"{sensor}_matrix": np.diag(scale_sd / size)}
+    full = {name: f"{sensor} {name}" if len(record) == 3 else sensor for name in names}
+    both = zip(full.values(), record, by_sensor, strict=True)
+    own = [each for name, item, more in both for each in calibration.about(name, (*item.warnings, *more))]
+    one = (Finding.of(Code.BENCH_ONE_SENSOR, subject=sensor),) * (len(record) == 1)
+    warnings = (*own, *calibration.badly_conditioned({full[name]: fit for name, fit in fits.items()}), *one)
+    units = [f"{unit}{each}" for each in per_units]
+    parameters = tuple(each for name, fit in fits.items() for each in calibration.fitted(fit, units, name))
+    errors, sd_of = ImuErrors(**known, name=how.name), CalibrationSd(**spread)
+    return Calibration(sensor, errors, sd_of, parameters, fits, record, found, how, warnings)
 
 
 @dataclass(frozen=True, slots=True)
@@ -239,6 +362,6 @@ def rate_table_warnings(found: RateTable) -> tuple[Finding, ...]:
     one_sense = bool(used[0] >= 0.0 or used[-1] <= 0.0)
     return (
         *(Finding.of(Code.BENCH_LEFT_OUT, count=left, total=found.rate.size),) * bool(left),
-        *few("rates", used.size, USUAL_RATES),
+        *calibration.few("rates", used.size, USUAL_RATES),
         *(Finding.of(Code.BENCH_ONE_SENSE),) * one_sense,
     )

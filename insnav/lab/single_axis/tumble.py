@@ -20,7 +20,7 @@ from insnav.input.interpret.schema import schema
 from insnav.lab.calibration import BenchOptions, Calibration, few, outlier
 from insnav.lab.least_squares import Fit, linear_fit, outliers
 from insnav.lab.single_axis.positions import Positions, fit_positions, holds_positions, read_positions
-from insnav.lab.single_axis.records import Record, read_records, refuse_unit, triad_calibration
+from insnav.lab.single_axis.rate_table import Record, read_records, refuse_unit, triad_calibration
 from insnav.types import FloatArray, IntArray
 from insnav.units import DEG, G0
 

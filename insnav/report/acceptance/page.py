@@ -7,15 +7,15 @@ from collections.abc import Iterator, Mapping, Sequence
 import numpy as np
 
 from insnav.lab.acceptance import BENCH_UNIT, Acceptance, Accepted, Spread, Stability
-from insnav.lab.bench_data.records import SI
+from insnav.lab.bench_data import SI
 from insnav.lab.least_squares import Fit
 from insnav.lab.single_axis.rate_table import Dropped
 from insnav.messages import phrase, sentence
 from insnav.quantity import Quantity
 from insnav.report.calibration.common import Series, bench_input, quality_section, residual_panels
-from insnav.report.colours import AXIS_COLOURS, BLACK, GREY
 from insnav.report.page import DataFrame, Page, Section, by_warnings, cell, drawn, only_json, rows_frame
 from insnav.report.panels import Clock, Curve, Kind, Panel
+from insnav.report.style import AXIS_COLOURS, BLACK, GREY
 from insnav.result import Result
 from insnav.units import DEG, G0, UNITS
 

@@ -13,9 +13,9 @@ from insnav.findings import Code, Finding
 from insnav.imu.specification import gyro_bias_sd
 from insnav.messages import render
 from insnav.quantity import Quantity
-from insnav.report.numbers import number
 from insnav.report.page import DataFrame, Light, Page, Section, by_warnings, only_json, rows_frame
 from insnav.report.run.quantities import alignment_items
+from insnav.report.style import number
 from insnav.report.terminal import entry, hanging
 from insnav.result import Result
 from insnav.types import Alignment

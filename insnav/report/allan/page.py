@@ -16,9 +16,9 @@ from insnav.lab.noise.static_noise import KEYS, SignalNoise, StaticNoise
 from insnav.messages import phrase
 from insnav.output.data_files import csv_text
 from insnav.quantity import Quantity, key_suffix
-from insnav.report.colours import AXIS_COLOURS, GREY
 from insnav.report.page import DataFrame, Page, Section, by_warnings, cell, drawn, only_json
 from insnav.report.panels import Curve, Panel
+from insnav.report.style import AXIS_COLOURS, GREY
 from insnav.result import Result
 from insnav.types import FloatArray
 from insnav.units import M_S_PER_SQRT_H, UG, UNITS

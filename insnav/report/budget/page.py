@@ -11,8 +11,8 @@ import numpy as np
 
 from insnav.errors.budget.error_budget import BAND, Budget, SimulatedColumn
 from insnav.errors.budget.from_windows import BudgetStudy, RecordedBudget
-from insnav.errors.budget.laws import SHORT
-from insnav.errors.diagnosis.growth_curves import EndAxis
+from insnav.errors.budget.predicted import SHORT
+from insnav.errors.diagnosis.causes import EndAxis
 from insnav.errors.requirement.study import FIELD_FACTOR
 from insnav.findings import Code, Finding
 from insnav.imu import ImuSpec
@@ -27,19 +27,8 @@ from insnav.report.budget import quantities
 from insnav.report.budget import windows as recorded
 from insnav.report.budget.panels import budget_panels, windows_drawings
 from insnav.report.budget.quantities import extent, horizontal, ranked, recorded_text, shares, size
-from insnav.report.numbers import number
-from insnav.report.page import (
-    DataFrame,
-    Light,
-    Page,
-    Section,
-    Verdict,
-    beside,
-    by_warnings,
-    drawn,
-    only_json,
-    rows_frame,
-)
+from insnav.report.page import DataFrame, Light, Page, Section, beside, by_warnings, drawn, only_json, rows_frame
+from insnav.report.style import number
 from insnav.report.terminal import page_text
 from insnav.result import Result
 from insnav.units import DEG, DEG_PER_H, G0, UNITS
@@ -64,12 +53,12 @@ def page(result: Result[BudgetStudy]) -> Page:
         quantities.impact_section(budget),
     )
     return Page(
-        _title(budget),
+        f"Error budget of {budget.imu}: {budget.time[budget.chosen[-1]]:g} s without GPS",
         summary(budget),
         sections,
         (*wrong, *taken),
         (phrase("method.intervals"),) * (windows is not None),
-        verdict=_verdict(budget, windows, wrong),
+        verdict=by_warnings(headline(budget), wrong, _light(budget, windows)),
         merits=quantities.merits(budget, windows),
     )
 
@@ -85,10 +74,6 @@ def _windows(windows: RecordedBudget) -> tuple[Section, ...]:
     )
     figures = Section("", "Recorded windows: figures", parts=windows_drawings(windows), show="page", folded=True)
     return (sentences, section, *tables, figures)
-
-
-def _title(budget: Budget) -> str:
-    return f"Error budget of {budget.imu}: {budget.time[budget.chosen[-1]]:g} s without GPS"
 
 
 def _origin(result: Result[BudgetStudy]) -> str:
@@ -195,11 +180,6 @@ def simulated_matches(budget: Budget, simulated: SimulatedColumn) -> bool:
     # nine states at each time, whose errors are independent once normalised: 4 sd of their mean
     limit = 4.0 * np.sqrt(2.0 / (simulated.runs * (6.0 if budget.hold else 9.0)))
     return bool(np.all(np.abs(simulated.nees[budget.chosen] - 1.0) < limit))
-
-
-def _verdict(budget: Budget, windows: RecordedBudget | None, warnings: Sequence[Finding]) -> Verdict:
-    """Return the result and its reliability; `warnings` of the page."""
-    return by_warnings(headline(budget), warnings, _light(budget, windows))
 
 
 def _light(budget: Budget, windows: RecordedBudget | None) -> tuple[Light, str]:

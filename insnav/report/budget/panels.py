@@ -9,14 +9,13 @@ import numpy as np
 from insnav.errors.budget.error_budget import Budget
 from insnav.errors.budget.from_windows import RecordedBudget, RecordedPart, Verdict
 from insnav.errors.diagnosis.causes import CAUSES
-from insnav.errors.outage.statistics import COMPONENTS, components
+from insnav.errors.outage.gnss_outage import COMPONENTS, components
 from insnav.report.budget.quantities import horizontal, ranked, saved, shares, source_texts
 from insnav.report.budget.windows import CAUSE_UNITS, GROWS, parts_of
-from insnav.report.colours import BLACK, BLUE, GREEN, GREY, ORANGE, PURPLE, SKY, VERMILLION
-from insnav.report.numbers import number
 from insnav.report.outage.page import below_noise, power_lines, spread
 from insnav.report.page import Section, drawn
 from insnav.report.panels import Curve, Panel, bars
+from insnav.report.style import BLACK, BLUE, GREEN, GREY, ORANGE, PURPLE, SKY, VERMILLION, number
 from insnav.units import UNITS
 
 _SHOWN = 10  # sources with a separate bar

@@ -10,9 +10,9 @@ from insnav.errors.budget.error_budget import Budget, Column, RecordedColumn, Si
 from insnav.errors.budget.from_windows import RecordedBudget
 from insnav.errors.budget.sources import term_of
 from insnav.quantity import Quantity
-from insnav.report.numbers import number
 from insnav.report.outage.page import BELOW, below_noise
-from insnav.report.page import Section, one_each, only_json
+from insnav.report.page import Section, of_table, one_each, only_json
+from insnav.report.style import number
 from insnav.types import FloatArray
 from insnav.units import UNITS, shown_unit
 
@@ -139,24 +139,12 @@ def budget_sections(budget: Budget) -> tuple[Section, ...]:
     """Build all budget quantities for JSON: subject, sources, errors at the chosen times."""
     last = float(budget.time[budget.chosen[-1]])
     bias, drift = budget.short_form_error(last)
-    sources = tuple(
-        (
-            Quantity("name", each.name),
-            Quantity("kind", each.kind),
-            Quantity("sd_si", each.sd),
-            Quantity("correlation_time", each.correlation_time, "s"),
-        )
-        for each in budget.sources
-    )
+    sources = tuple(of_table("budget.source", each) for each in budget.sources)
     share = dict(zip(budget.families, map(float, shares(budget)), strict=True))
     return (
         only_json(
             "",
-            Quantity("imu", budget.imu),
-            Quantity("motion", budget.motion),
-            Quantity("vertical_held", budget.hold),
-            Quantity("gravity", budget.gravity, "m/s^2"),
-            Quantity("schuler_period", 2.0 * np.pi / budget.schuler_rate, "s"),
+            *of_table("budget.subject", budget, schuler_period=2.0 * np.pi / budget.schuler_rate),
         ),
         only_json(
             "short_form_error",
@@ -229,11 +217,8 @@ def _at_time(budget: Budget, k: int) -> Section:
 
 
 def _states(sd: FloatArray) -> tuple[Quantity, ...]:
-    return (
-        Quantity("position", sd[:3], "m"),
-        Quantity("horizontal", float(horizontal(sd)), "m"),
-        Quantity("velocity", sd[3:6], "m/s"),
-        Quantity("attitude", sd[6:9], "deg"),
+    return of_table(
+        "budget.states", position=sd[:3], horizontal=float(horizontal(sd)), velocity=sd[3:6], attitude=sd[6:9]
     )
 
 

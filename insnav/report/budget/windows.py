@@ -4,17 +4,15 @@ from __future__ import annotations
 
 import numpy as np
 
-from insnav.errors.budget.from_windows import RecordedBudget, RecordedPart, Verdict
-from insnav.errors.diagnosis.causes import CAUSES, AxisDiagnosis, Cause, Diagnosis
-from insnav.errors.diagnosis.equivalent_sensor_errors import SensorFit
-from insnav.errors.diagnosis.simulated_replica import Replicas
-from insnav.errors.outage.statistics import COMPONENTS, Growth, common_error
+from insnav.errors.budget.from_windows import RecordedBudget, RecordedPart, Replicas, Verdict
+from insnav.errors.diagnosis.causes import CAUSES, AxisDiagnosis, Cause, Diagnosis, SensorFit
+from insnav.errors.outage.gnss_outage import COMPONENTS, Growth, common_error
 from insnav.findings import Code, Finding, Severity, of_code
 from insnav.messages import sentence, word
 from insnav.quantity import Quantity
-from insnav.report.numbers import number
 from insnav.report.outage.page import corrected, corrected_text
-from insnav.report.page import Section, one_each, only_json
+from insnav.report.page import Section, of_table, one_each, only_json
+from insnav.report.style import number
 from insnav.types import FloatArray
 from insnav.units import UNITS
 
@@ -289,11 +287,7 @@ def _by_motion(kind: str, part: RecordedPart) -> Section:
 
 
 def _causes(kind: str, diagnosis: Diagnosis) -> Section:
-    about = (
-        Quantity("windows", diagnosis.windows.count),
-        Quantity("set_aside", diagnosis.rough),
-        Quantity("steady", diagnosis.steady),
-    )
+    about = of_table("budget.diagnosis", diagnosis)
     which = "windows at rest or straight" if diagnosis.steady else "windows, turns included"
     note = (
         "1 mg of acceleration is the effect of 1 mrad of tilt; in a straight window only their sum is observable"

@@ -9,14 +9,14 @@ from typing import Any
 import numpy as np
 
 from insnav.imu.model import ImuErrors
-from insnav.lab.bench_data.bench_tables import BenchFile, BenchTable
+from insnav.lab.bench_data import BenchFile, BenchTable
 from insnav.lab.calibration import Calibration, measured
 from insnav.lab.least_squares import Fit
 from insnav.lab.single_axis.rate_table import RateTable
 from insnav.quantity import Quantity
-from insnav.report.colours import AXIS_COLOURS, BLACK, GREY
-from insnav.report.page import Section
+from insnav.report.page import Section, of_table
 from insnav.report.panels import Curve, Panel
+from insnav.report.style import AXIS_COLOURS, BLACK, GREY
 from insnav.types import BoolArray, FloatArray
 from insnav.units import DEG, G0
 
@@ -47,12 +47,7 @@ def quality_section(*sets: tuple[Mapping[str, Fit], str, Mapping[str, Sequence[s
 def impact_section(calibration: Calibration[Any, Any], note: str = "") -> Section:
     """Tabulate the position error in a minute of navigation without and with the calibration."""
     rows = tuple(
-        (
-            Quantity("motion", item.motion, meaning="one minute, free inertial"),
-            Quantity("without", item.without, "m", meaning="without calibration"),
-            Quantity("with", item.corrected, "m", meaning="with calibration", digits=2),
-            Quantity("ratio", item.without / item.corrected if item.corrected > 0.0 else None, digits=2),
-        )
+        of_table("calibration.impact", item, ratio=item.without / item.corrected if item.corrected > 0.0 else None)
         for item in calibration.impact
     )
     method = (

@@ -11,17 +11,15 @@ import numpy as np
 from insnav.input.readers.reading import ReadingFacts
 from insnav.lab.calibration import Calibration, measured
 from insnav.lab.multi_position.many_positions import PosesCalibration
-from insnav.lab.multi_position.method import Found
-from insnav.lab.multi_position.six_positions import POSITIONS, TURN_SD, TURNS, SixPositions
+from insnav.lab.multi_position.method import POSITIONS, TURN_SD, TURNS, Found, SixPositions
 from insnav.lab.multi_position.triad import AXES, Triad
-from insnav.lab.nine_position.method import AXIS, SENSORS, NinePositions, NineRecord
+from insnav.lab.nine_position import AXIS, SENSORS, NinePositions, NineRecord
 from insnav.messages import phrase
 from insnav.quantity import Quantity
 from insnav.report.calibration.common import Series, corrected_section, impact_section, quality_section, residual_panels
-from insnav.report.colours import AXIS_COLOURS, BLUE, GREY, ORANGE, VERMILLION
-from insnav.report.numbers import number
-from insnav.report.page import Page, Section, drawn, only_json
+from insnav.report.page import Page, Section, drawn, of_table, only_json
 from insnav.report.panels import Curve, Kind, Panel
+from insnav.report.style import AXIS_COLOURS, BLUE, GREY, ORANGE, VERMILLION, number
 from insnav.sample_statistics import rms
 from insnav.types import FloatArray
 from insnav.units import DEG, G0
@@ -69,11 +67,7 @@ def _of_poses(found: PosesCalibration) -> Page:
     """Lay out a calibration from poses; all positions are too long for a terminal."""
     turns = only_json(
         "turn_error",
-        Quantity("before", found.turn_before, "deg"),
-        Quantity("without_g_sensitivity", found.turn_plain, "deg"),
-        Quantity("after", found.turn_after, "deg"),
-        Quantity("left_out", found.turn_left_out, "deg"),
-        Quantity("used", [bool(used) for used in found.turn_used]),
+        *of_table("calibration.turn_error", found, used=[bool(used) for used in found.turn_used]),
     )
     every = Section("", parts=(_poses(found), turns), show="page")
     times, used = np.array([[pose.start, pose.end] for pose in found.poses]), found.turn_used

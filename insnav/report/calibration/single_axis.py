@@ -8,23 +8,21 @@ from typing import Any
 import numpy as np
 
 from insnav.findings import Code, of_code
-from insnav.lab.bench_data.bench_tables import BenchTable
+from insnav.lab.bench_data import BenchTable
 from insnav.lab.calibration import Calibration, fitted, measured
 from insnav.lab.least_squares import Fit
 from insnav.lab.rate_sweep.method import SweepCalibration
 from insnav.lab.rate_sweep.records import SweepRecord
 from insnav.lab.rotor_inertia import Inertia, Inertias
 from insnav.lab.single_axis.positions import Positions
-from insnav.lab.single_axis.rate_table import RateTable
-from insnav.lab.single_axis.records import Record
+from insnav.lab.single_axis.rate_table import RateTable, Record
 from insnav.lab.single_axis.tumble import Tumble, harmonics
 from insnav.messages import phrase, sentence
 from insnav.quantity import Quantity
 from insnav.report.calibration.common import Series, corrected_section, impact_section, quality_section, residual_panels
-from insnav.report.colours import AXIS_COLOURS, BLACK, GREY
-from insnav.report.numbers import number
-from insnav.report.page import Page, Section, drawn, only_json
+from insnav.report.page import Page, Section, drawn, of_table, only_json
 from insnav.report.panels import Curve, Panel
+from insnav.report.style import AXIS_COLOURS, BLACK, GREY, number
 from insnav.sample_statistics import rms
 from insnav.types import FloatArray
 from insnav.units import DEG, G0
@@ -160,15 +158,13 @@ _IN_BRACKETS = "± 1 sd; in brackets the 95 % interval"
 
 def _summary(items: Sequence[Quantity], sensors: int) -> tuple[str, ...]:
     """Describe the parameters, one line per sensor."""
-    texts = [f"{p.label} {_short(p.scaled(p.value))} ± {number(p.scaled(p.sd), 2)} {p.shown_unit}" for p in items]
+    texts = []
+    for p in items:
+        value = p.scaled(p.value)  # in four digits, or four decimals as usual in publications
+        short = number(value, 4) if abs(value) < 0.1 or abs(value) >= 1000.0 else f"{value:.4f}"
+        texts.append(f"{p.label} {short} ± {number(p.scaled(p.sd), 2)} {p.shown_unit}")
     own = len(texts) // sensors
     return tuple("; ".join(texts[i : i + own]) for i in range(0, len(texts), own))
-
-
-def _short(value: float) -> str:
-    """Format four digits, and four decimals as usual in publications."""
-    size = abs(value)
-    return number(value, 4) if size < 0.1 or size >= 1000.0 else f"{value:.4f}"
 
 
 def _senses(found: dict[str, RateTable], unit: str) -> Section:
@@ -220,10 +216,7 @@ def sweep_page(calibration: Calibration[SweepRecord, SweepCalibration]) -> Page:
     settings = {name: _settings(found.rate[found.used[:, i]]) for i, name in enumerate(fits)}
     note = "given the pieces below, whose shape is not in the 1 sd" * any(item is not None for item in found.pieces)
     condition = Quantity("condition_matrix", float(np.linalg.cond(found.matrix / np.diag(found.matrix)[:, None])))
-    dropped = tuple(
-        (Quantity("sensor", "xyz"[axis]), Quantity("rate_deg_s", item.rate), Quantity("code", item.reason.code.value))
-        for axis, item in found.dropped
-    )
+    dropped = tuple(of_table("calibration.dropped", item, sensor="xyz"[axis]) for axis, item in found.dropped)
     return Page(
         "Three gyros swept over rates about three axes",
         (
@@ -302,14 +295,7 @@ def _errors(found: SweepCalibration, stages: Sequence[float]) -> Section:
 def _adjusted(found: SweepCalibration) -> tuple[Section, ...]:
     """Tabulate manually adjusted intercepts, and their effect."""
     rows = tuple(
-        (
-            Quantity("piece", f"{'xyz'[each.gyro]}{each.piece + 1}"),
-            Quantity("found", each.found, "deg/s", meaning="b' found", decimals=4),
-            Quantity("given", each.given, "deg/s", meaning="b' given", decimals=4),
-            Quantity("before", each.before, "deg/s", meaning="error in the piece, RMS, before"),
-            Quantity("after", each.after, "deg/s"),
-        )
-        for each in found.adjusted
+        of_table("calibration.adjusted", each, piece=f"{'xyz'[each.gyro]}{each.piece + 1}") for each in found.adjusted
     )
     note = "the piece is moved, its neighbours stay and meet it at other borders; every other table is with it"
     return (Section("adjusted", "Set by hand", rows=rows, note=note, keyed=True),) if rows else ()
@@ -331,12 +317,7 @@ def _pieces(found: SweepCalibration) -> tuple[Section, ...]:
         for i, slope in enumerate(item.slope)
     )
     knots = tuple(
-        (
-            Quantity("gyro", axis),
-            Quantity("rate", item.knot, "deg/s"),
-            Quantity("error", item.value, "deg/s"),
-            Quantity("sd", np.sqrt(np.diag(item.covariance)), "deg/s"),
-        )
+        of_table("calibration.knots", item, gyro=axis, sd=np.sqrt(np.diag(item.covariance)))
         for axis, item in known.items()
     )
     note = "corrected rate from and to; they meet at the borders; beyond the outer ones the last piece goes on"
@@ -387,11 +368,7 @@ def rotor_page(calibration: Calibration[tuple[BenchTable, BenchTable], Inertias]
     weight = " and ".join(f"{each:g}" for each in masses) + " kg"
     given = only_json(
         "given",
-        Quantity("fall_mass", how.fall_mass, "kg"),
-        Quantity("radius", how.radius, "m"),
-        Quantity("mass", masses, "kg"),
-        Quantity("arm", how.arm, "m"),
-        Quantity("gravity", how.gravity, "m/s^2"),
+        *of_table("calibration.rotor_given", how, mass=masses),
     )
     names = ("difference", "limit", "mean", "mean_sd")
     sizes = [getattr(both, name) if both.agree or "mean" not in name else None for name in names]

@@ -12,9 +12,9 @@ from insnav.input.readers.reading import ReadingFacts
 from insnav.messages import At, form, moment, render, sentence
 from insnav.plain_text import plain_text
 from insnav.quantity import Quantity
-from insnav.report.colours import BLUE, VERMILLION
-from insnav.report.page import DataFrame, Light, Page, Section, Verdict, drawn, only_json, rows_frame
+from insnav.report.page import DataFrame, Light, Page, Section, Verdict, drawn, of_table, only_json, rows_frame
 from insnav.report.panels import Clock, Curve, Panel, bars
+from insnav.report.style import BLUE, VERMILLION
 from insnav.report.terminal import hanging, page_text
 from insnav.result import Result
 from insnav.session.check import TO_MEND, Checked
@@ -108,14 +108,7 @@ def _files(found: Checked, inputs: Mapping[str, ReadingFacts]) -> Section:
     for path, role in found.roles.items():
         mine = [each for each in inputs.values() if each.path == path or each.path.startswith(f"{path}/")]
         for facts in mine:
-            times = (
-                Quantity("start", facts.start_s, "s", decimals=3),
-                Quantity("end", facts.end_s, "s", decimals=3),
-                Quantity("rate", facts.rate_hz, "Hz"),
-                Quantity("rows", facts.n_used),
-                Quantity("gaps", facts.n_gaps),
-                Quantity("longest_gap", facts.longest_gap_s, "s"),
-            )
+            times = of_table("check.file", facts)
             rows.append((Quantity("file", facts.path), Quantity("role", facts.kind, meaning="is"), *times))
         if not mine:
             rows.append((Quantity("file", path), Quantity("role", role, meaning="is")))
@@ -141,25 +134,16 @@ def _imu(found: Checked) -> tuple[Section, ...]:
             if each.name.startswith(sensor)
         )
         parts.append(Section(sensor, {"gyro": "Gyros", "accel": "Accelerometers"}[sensor], rows=rows))
-    peaks = tuple(
-        (Quantity("axis", each.axis), Quantity("frequency", each.frequency, "Hz"), Quantity("rms", each.rms, "m/s^2"))
-        for each in found.imu.peaks
-    )
+    peaks = tuple(of_table("check.peak", each) for each in found.imu.peaks)
     step, time = found.imu.gravity_steps
-    items = (
-        Quantity("jitter", found.imu.jitter, "ms", meaning="scatter of the intervals", decimals=3),
-        Quantity("missing", found.imu.missing, meaning="intervals with samples missing"),
-        Quantity(
-            "rest",
-            None if found.rest is None else np.array(found.rest),
-            "s",
-            meaning="first rest, times of the file",
-            decimals=1,
-        ),
-        Quantity("rest_step", step or None, "mg", meaning="largest step of the specific force between stops"),
-        Quantity("rest_step_time", time, "s", meaning="at, time of the file", decimals=1),
-        Quantity("jolt", found.imu.jolt[0] or None, "mg", meaning="largest step between seconds of the first rest"),
-        Quantity("jolt_time", found.imu.jolt[1], "s", meaning="at, time of the file", decimals=1),
+    items = of_table(
+        "check.imu",
+        found.imu,
+        rest=None if found.rest is None else np.array(found.rest),
+        rest_step=step or None,
+        rest_step_time=time,
+        jolt=found.imu.jolt[0] or None,
+        jolt_time=found.imu.jolt[1],
     )
     return (Section("imu", "IMU", items=items, parts=(*parts, Section("vibration", "Vibration: lines", rows=peaks))),)
 
@@ -169,38 +153,16 @@ def _gps(found: Checked) -> tuple[Section, ...]:
     if each is None:
         return ()
     types = ", ".join(f"{kind}: {count}" for kind, count in sorted(each.fix_types.items()))
-    items = (
-        Quantity("rate", each.rate, "Hz"),
-        Quantity("largest_speed", each.largest_speed, "m/s"),
-        Quantity("with_velocity", each.with_velocity, "%", meaning="fixes with velocity"),
-        Quantity("with_sd", each.with_sd, "%", meaning="fixes with standard deviations"),
-        Quantity("reported_sd", each.reported_sd, "m", meaning="reported sd N, E, D, median"),
-        Quantity("scatter", each.scatter, "m", meaning="scatter from fix to fix N, E, D"),
-        Quantity("velocity_lag", each.velocity_lag, "s", sd=each.velocity_lag_sd, meaning="velocity lag"),
-        Quantity("false_velocities", each.false_velocities, "%"),
-        Quantity("worst_velocity", each.worst_velocity, "m/s", meaning="largest false velocity"),
-        Quantity("jumps", each.jumps, meaning="jumps of the position"),
-        Quantity("largest_jump", each.largest_jump, "m"),
-        Quantity("fix_types", types or None),
-    )
+    items = of_table("check.gps", each, fix_types=types or None)
     return (Section("gps", "GPS", items),)
 
 
 def _both(found: Checked) -> tuple[Section, ...]:
     items: list[Quantity] = []
     if found.offset is not None:
-        items += [
-            Quantity("clock_offset", found.offset.offset, "s", sd=found.offset.sd, meaning="GPS late, by motion"),
-            Quantity("turns", found.offset.turns, meaning="correlation of turns"),
-            Quantity("accelerations", found.offset.accelerations, meaning="correlation of accelerations"),
-            Quantity("overlap", found.offset.overlap, "s"),
-        ]
+        items += [*of_table("check.offset", found.offset)]
     if found.mounting is not None:
-        items += [
-            Quantity("mounting_axes", found.mounting.letters, meaning="nearest axes after turning"),
-            Quantity("mounting_angles", found.mounting.angles, "deg", meaning="IMU in the vehicle: roll, pitch, yaw"),
-            Quantity("mounting_yaw_sd", found.mounting.sd, "deg"),
-        ]
+        items += [*of_table("check.mounting", found.mounting)]
     if found.run is not None and found.gps is not None:
         arm, sd = (found.run.lever_b, found.run.lever_sd) if np.any(found.run.lever_sd) else (None, None)
         unknown, span = " (not estimated)" * (arm is None), np.ptp(found.run.solution.time)
@@ -219,10 +181,6 @@ def _both(found: Checked) -> tuple[Section, ...]:
 def frame(result: Result[Checked]) -> DataFrame:
     """Build a table of the problems: one row each, ``what``, ``why``, ``fix``."""
     return rows_frame(
-        (
-            Quantity("what", each.title),
-            Quantity("why", f"{each.text} {each.done}".rstrip()),
-            Quantity("fix", each.advice),
-        )
+        of_table("check.problem", each, why=f"{each.text} {each.done}".rstrip())
         for each in map(render, result.found.problems)
     )

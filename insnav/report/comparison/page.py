@@ -9,8 +9,7 @@ from functools import reduce
 import numpy as np
 
 from insnav.earth import ned_offset
-from insnav.errors.comparison import Compared, Comparison
-from insnav.errors.metrics import accuracy, nees
+from insnav.errors.metrics import Compared, Comparison, accuracy, nees
 from insnav.errors.run_findings import overconfident
 from insnav.findings import Finding
 from insnav.messages import sentence
@@ -19,10 +18,9 @@ from insnav.output.folder import RunFolder
 from insnav.output.solution_tables import TableFormat
 from insnav.quantity import Quantity
 from insnav.report import page as room
-from insnav.report.colours import BLUE, GREEN, ORANGE, PURPLE, SKY, VERMILLION
-from insnav.report.numbers import number
 from insnav.report.page import DataFrame, Light, Page, Section, Verdict, by_warnings, drawn, rows_frame, section_tables
 from insnav.report.panels import LEAST_ERROR, Clock, Curve, Kind, Panel, Shade, Track, broken_at_gaps
+from insnav.report.style import BLUE, GREEN, ORANGE, PURPLE, SKY, VERMILLION, number
 from insnav.report.terminal import hanging, table_text
 from insnav.result import Result
 from insnav.sample_statistics import rms

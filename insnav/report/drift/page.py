@@ -7,19 +7,16 @@ from collections.abc import Iterator
 import numpy as np
 
 from insnav.imu import calibration_to_toml
-from insnav.lab.drift.allan_before_after import POWERS, DriftStudy, GyroDrift
-from insnav.lab.drift.allan_before_after import Curve as Deviations
-from insnav.lab.drift.drift_model import DriftModel
-from insnav.lab.drift.rate_smoothing import P0
+from insnav.lab.drift import P0, POWERS, DriftModel, DriftStudy, GyroDrift
+from insnav.lab.drift import Curve as Deviations
 from insnav.messages import phrase
 from insnav.output.data_files import csv_text
 from insnav.quantity import Quantity
 from insnav.report.allan.page import noise_quantity
 from insnav.report.calibration.common import bench_input, quality_section
-from insnav.report.colours import AXIS_COLOURS, BLACK, GREY
-from insnav.report.numbers import number
-from insnav.report.page import DataFrame, Page, Section, by_warnings, drawn, only_json, rows_frame
+from insnav.report.page import DataFrame, Page, Section, by_warnings, drawn, of_table, only_json, rows_frame
 from insnav.report.panels import Curve, Kind, Panel
+from insnav.report.style import AXIS_COLOURS, BLACK, GREY, number
 from insnav.result import Result
 from insnav.types import FloatArray
 from insnav.units import DEG, DEG_PER_H
@@ -117,15 +114,7 @@ def _parameters(model: DriftModel) -> Iterator[Quantity]:
 
 def _filter(each: GyroDrift, name: str) -> Section:
     chosen = each.smoother
-    items = (
-        Quantity("q", chosen.q / DEG**2, "deg^2/s^2", meaning="Q"),
-        Quantity("r", chosen.r / DEG**2, "deg^2/s^2", meaning="R"),
-        Quantity("p0", P0 / DEG**2, "deg^2/s^2", meaning="P0"),
-        Quantity("gain", chosen.gain, meaning="settled gain"),
-        Quantity("time_constant", chosen.time_constant, "s"),
-        Quantity("lag", chosen.lag, "s", meaning="lag of a ramp"),
-        Quantity("smallest_q", chosen.bounded, meaning="Q is the smallest allowed"),
-    )
+    items = of_table("drift.filter", chosen, q=chosen.q / DEG**2, r=chosen.r / DEG**2, p0=P0 / DEG**2)
     return Section("filter", f"Scalar Kalman filter of {name}", items, note="F = H = 1")
 
 

@@ -10,7 +10,7 @@ from insnav.imu.library import PROVENANCE, Figure, Part
 from insnav.imu.specification import PRESETS
 from insnav.messages import sentence
 from insnav.quantity import Quantity
-from insnav.report.page import DataFrame, Page, Section, one_each, only_json, rows_frame
+from insnav.report.page import DataFrame, Page, Section, of_table, one_each, only_json, rows_frame
 from insnav.result import Result
 from insnav.units import HOUR, UNITS
 
@@ -75,13 +75,7 @@ def _part_page(part: Part) -> Page:
     """Lay out a part: every figure, its interpretation, and its source document."""
     rows = tuple(_row(figure) for figure in part.figures if not figure.key.endswith("correlation_time"))
     missing = ", ".join(part.missing) or "none of the usual figures"
-    about = (
-        Quantity("maker", part.maker),
-        Quantity("class", part.grade),
-        Quantity("temperature", part.temperature or None),
-        Quantity("missing", missing),
-        Quantity("note", part.note or None),
-    )
+    about = of_table("imus.part", part, temperature=part.temperature or None, missing=missing, note=part.note or None)
     documents = {each.document: each for each in part.figures}
     sources = {
         title: (Quantity("provenance", each.provenance), Quantity("where", each.where))
@@ -96,12 +90,9 @@ def _part_page(part: Part) -> Page:
 
 
 def _row(figure: Figure) -> tuple[Quantity, ...]:
-    return (
-        Quantity("figure", figure.key),
-        Quantity("as_written", ", ".join(figure.text), meaning="as written"),
-        Quantity("statistic", figure.statistic),
-        Quantity("sd", f"{figure.sd.max() / UNITS[_UNITS[figure.key]][1]:.3g} {_UNITS[figure.key]}", meaning="read as"),
-        Quantity("used", figure.used),
-        Quantity("document", figure.document),
-        Quantity("stated", figure.stated),
+    return of_table(
+        "imus.figure",
+        figure,
+        as_written=", ".join(figure.text),
+        sd=f"{figure.sd.max() / UNITS[_UNITS[figure.key]][1]:.3g} {_UNITS[figure.key]}",
     )

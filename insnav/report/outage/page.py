@@ -9,19 +9,28 @@ from typing import cast
 
 import numpy as np
 
-from insnav.errors.outage.gnss_outage import OutageEpochs, OutageStudy
-from insnav.errors.outage.statistics import Growth, outage_growth
-from insnav.errors.outage.windows import Outage
+from insnav.errors.outage.free_inertial import Outage
+from insnav.errors.outage.gnss_outage import Growth, OutageEpochs, OutageStudy, outage_growth
 from insnav.findings import Code, Finding, Severity, is_shown
 from insnav.messages import phrase
 from insnav.output.folder import RunFolder, read_facts
 from insnav.output.solution_tables import TableFormat, read_run_table, write_events, write_run_table
 from insnav.quantity import Quantity
-from insnav.report.colours import BLACK, BLUE, GREY, VERMILLION
-from insnav.report.numbers import number
 from insnav.report.page import STATISTICS as SHOWN
-from insnav.report.page import DataFrame, Light, Page, Section, Verdict, by_warnings, drawn, only_json, rows_frame
+from insnav.report.page import (
+    DataFrame,
+    Light,
+    Page,
+    Section,
+    Verdict,
+    by_warnings,
+    drawn,
+    of_table,
+    only_json,
+    rows_frame,
+)
 from insnav.report.panels import Clock, Curve, Panel
+from insnav.report.style import BLACK, BLUE, GREY, VERMILLION, number
 from insnav.report.terminal import page_text
 from insnav.result import Result
 from insnav.sample_statistics import rms
@@ -178,11 +187,7 @@ def _merits(found: Growth) -> tuple[Quantity, ...]:
 def _row(found: Growth) -> tuple[Quantity, ...]:
     """Build the row of final errors for one window length."""
     return (
-        Quantity("length", found.length, "s", meaning="without GPS"),
-        Quantity("windows", found.count),
-        Quantity("effective", found.effective),
-        Quantity("inside_3_sd", found.inside_at_end),
-        Quantity("common_to_all_windows", float(found.common[-1, found.column("horizontal")])),
+        *of_table("outage.window", found, common_to_all_windows=float(found.common[-1, found.column("horizontal")])),
         *(Quantity(name.replace(" ", "_"), _statistics(found, name), unit) for name, unit in _COMPONENTS.items()),
     )
 

@@ -11,17 +11,16 @@ import numpy as np
 from insnav.earth import ned_offset
 from insnav.errors import platform_errors
 from insnav.errors.metrics import TrajectoryErrors
-from insnav.errors.platform_errors import AGAINST, Convergence, Demonstration, PlatformComparison, PlatformStudy
-from insnav.errors.schuler import SHORTEST_RECORD, StaticErrors, measured_periods, periods, static_errors
+from insnav.errors.platform_errors import Convergence, Demonstration, PlatformComparison, PlatformStudy, StaticErrors
 from insnav.gimbal import INTEGRATORS, Integrator, PlatformRun, integral, torquing_rates
 from insnav.output.data_files import write_table
 from insnav.output.folder import RunFolder
 from insnav.output.solution_tables import TableFormat, write_events, write_run_table
 from insnav.output.track_files import write_kml
 from insnav.quantity import Quantity
-from insnav.report.colours import AXIS_COLOURS, BLACK, BLUE, GREEN, GREY, PURPLE, VERMILLION
-from insnav.report.page import DataFrame, Page, Section, Verdict, beside, drawn, only_json, rows_frame
+from insnav.report.page import DataFrame, Page, Section, Verdict, beside, drawn, of_table, only_json, rows_frame
 from insnav.report.panels import Clock, Curve, Kind, Panel, Shade, Track, over_time
+from insnav.report.style import AXIS_COLOURS, BLACK, BLUE, GREEN, GREY, NED, PURPLE, VERMILLION
 from insnav.result import Result
 from insnav.types import FloatArray
 from insnav.units import DEG, DEG_PER_H, UNITS
@@ -30,7 +29,6 @@ _NEAR = 0.01  # of the closed form
 _ERRORS_TEXT = "heading error 1 arcmin, drifts of 0.01 deg/h, accelerometer biases of 50 µg"
 _MOTION = f"circles at {platform_errors.SPEED:g} m/s, {platform_errors.ROUND / 60:g} min a turn, latitude 45°"
 COLOURS: Mapping[Integrator, str] = {"forward": VERMILLION, "backward": PURPLE, "mean": BLUE, "fourth": GREEN}
-_NED = ("north", "east", "down")
 _STEPS = 6  # of the straight line: few and visible
 _SMALLEST = 1e-9  # of a logarithmic axis [m]: smaller values are rounding
 _HOUR = 3600.0
@@ -139,7 +137,7 @@ def _differences(differences: Mapping[Integrator, TrajectoryErrors], *, to_refer
         for name, each in differences.items()
     )
     which = "the reference" if to_reference else "fourth order"
-    key = f"largest_difference_to_{'reference' if to_reference else AGAINST}"
+    key = f"largest_difference_to_{'reference' if to_reference else platform_errors.AGAINST}"
     note = "on a platform without errors" if to_reference else ""
     return Section(key, f"Horizontal difference to {which}", rows=rows, note=note, keyed=True)
 
@@ -176,7 +174,7 @@ def _errors(study: PlatformStudy, theory: StaticErrors | None) -> tuple[Section,
     sections = (only_json("platform_errors", *items), Section("", "Impact of the platform's errors", rows=tuple(rows)))
     lat, _, height = run.undisturbed.lla[0]
     time = run.solution.time - run.solution.time[0]
-    if theory is None or time[-1] < SHORTEST_RECORD * 86400.0 or lat == 0.0:
+    if theory is None or time[-1] < platform_errors.SHORTEST_RECORD * 86400.0 or lat == 0.0:
         return sections
     return (*sections, _periods({"platform": off}, time, float(lat), float(height)))
 
@@ -184,7 +182,7 @@ def _errors(study: PlatformStudy, theory: StaticErrors | None) -> tuple[Section,
 def _demonstration(found: Demonstration) -> Page:
     """Lay out the integrators against closed forms, and a platform against a strapdown navigator."""
     orders, flight, rest, turning = found.orders, found.flight, found.rest, found.turning
-    theory = static_errors(rest.time, platform_errors.LAT, 0.0, platform_errors.ERRORS)
+    theory = platform_errors.static_errors(rest.time, platform_errors.LAT, 0.0, platform_errors.ERRORS)
     both = {"platform": turning.platform, "strapdown": turning.strapdown}
     ends = {name: float(np.hypot(*error[-1, :2])) for name, error in both.items()}
     apart = float(np.abs(rest.platform[:, :2] - theory.position).max() / np.abs(theory.position).max())
@@ -230,8 +228,8 @@ def _demonstration(found: Demonstration) -> Page:
 
 def _periods(records: Mapping[str, FloatArray], time: FloatArray, lat: float, height: float) -> Section:
     """Tabulate periods measured in records (n, 2) of errors North, East [m] at rest, and theoretical periods."""
-    expected = periods(lat, height)
-    found = {name: measured_periods(time, position, lat, height) for name, position in records.items()}
+    expected = platform_errors.periods(lat, height)
+    found = {name: platform_errors.measured_periods(time, position, lat, height) for name, position in records.items()}
     rows = []
     for period, unit in (("Schuler", "min"), ("Foucault", "h"), ("Earth", "h")):
         theory = getattr(expected, period.lower())
@@ -248,14 +246,7 @@ def _periods(records: Mapping[str, FloatArray], time: FloatArray, lat: float, he
 def _known(orders: Sequence[Convergence]) -> Section:
     x = np.linspace(0.0, 3.0, 31)
     on_line = {each.integrator: float(integral(x, 2.0 * x, each.integrator)[-1] - 9.0) for each in orders}
-    rows = tuple(
-        (
-            Quantity("integrator", each.integrator),
-            Quantity("error_on_line", on_line[each.integrator], meaning="y = 2x, 30 steps, error at 3"),
-            Quantity("order_on_sine", each.order, meaning="y = sin t, measured order", decimals=3),
-        )
-        for each in orders
-    )
+    rows = tuple(of_table("platform.known_function", each, error_on_line=on_line[each.integrator]) for each in orders)
     return Section("known_functions", "Integrators on known functions", rows=rows, keyed=True)
 
 
@@ -344,7 +335,7 @@ def platform_error_panels(run: PlatformRun, theory: StaticErrors | None) -> Iter
         ("Tilt", "tilt [arcmin]", run.tilt / arcmin, theory.tilt / arcmin if theory else None),
     )
     rows = [
-        (title, label, list(zip(_NED, values.T, AXIS_COLOURS, strict=False)), 0.0) for title, label, values, _ in blocks
+        (title, label, list(zip(NED, values.T, AXIS_COLOURS, strict=False)), 0.0) for title, label, values, _ in blocks
     ]
     note = f"solution minus the same without the platform's errors{'; dashed: closed form' if theory else ''}"
     for panel, (*_, expected) in zip(over_time(run.solution.time, rows, note), blocks, strict=True):
@@ -412,8 +403,8 @@ def flight_panel(found: Mapping[float, Sequence[TrajectoryErrors]], motion: str)
     rate = sorted(found)[len(found) // 2]
     lines = {name: each.horizontal for name, each in zip(INTEGRATORS, found[rate], strict=True)}
     clock = Clock(float(found[rate][0].time[0]), _HOUR, "h", "time since start [h]")
-    title, limits = f"Integrators sampled at {rate:g} Hz", _decades(list(lines.values()))
-    return _differing("flight", title, "error [m]", clock, found[rate][0].time, lines, limits, motion)
+    title = f"Integrators sampled at {rate:g} Hz"
+    return _differing("flight", title, "error [m]", clock, found[rate][0].time, lines, motion)
 
 
 def difference_panels(differences: Mapping[Integrator, TrajectoryErrors], against: str) -> Iterator[Panel]:
@@ -422,9 +413,7 @@ def difference_panels(differences: Mapping[Integrator, TrajectoryErrors], agains
     for what, unit, size in (("Position", "m", lambda each: each.horizontal), ("Velocity", "m/s", speed_of)):
         lines = {name: size(each) for name, each in differences.items()}
         title = f"{what} of the integrators against {against}"
-        limits = _decades(list(lines.values()))
-        label = f"horizontal [{unit}]"
-        yield _differing(f"difference_{what}".lower(), title, label, Clock.of(time), time, lines, limits)
+        yield _differing(f"difference_{what}".lower(), title, f"horizontal [{unit}]", Clock.of(time), time, lines)
 
 
 def speed_of(errors: TrajectoryErrors) -> FloatArray:
@@ -439,10 +428,10 @@ def _differing(
     clock: Clock,
     time: FloatArray,
     lines: Mapping[Integrator, FloatArray],
-    limits: tuple[float, float],
     note: str = "",
 ) -> Panel:
     """Build a logarithmic panel with a line per integrator; backward, which may coincide with forward, is dashed."""
+    limits = _decades(list(lines.values()))
     curves = tuple(
         Curve(name, clock(time), np.maximum(y, limits[0]), COLOURS[name], "dashed" if name == "backward" else "line")
         for name, y in lines.items()

@@ -15,18 +15,17 @@ from insnav.findings import Code, Finding
 from insnav.messages import sentence
 from insnav.output.folder import write_text
 from insnav.quantity import Quantity
-from insnav.regression.accuracy_metrics import BY_KEY, FAILS_FROM, LIKELY
+from insnav.regression import peers
 from insnav.regression.baseline import Baseline, Origin
-from insnav.regression.evaluate import CaseResult
-from insnav.regression.peers import LATEST, LONGEST, PeerRow
-from insnav.regression.published import compare_published, field_factor, read_cases, recorded_ratios
+from insnav.regression.evaluate import BY_KEY, FAILS_FROM, LIKELY, CaseResult
+from insnav.regression.peers import PeerRow
 from insnav.regression.regress import Regression
 from insnav.regression.verdict import ALPHA, CPU_FAILS_FROM, POWER, Change, Comparison, detectable_apart, interval
 from insnav.report.figures import drawing, save
 from insnav.report.html import filled, page_html
-from insnav.report.numbers import number
-from insnav.report.page import DataFrame, Page, Section, Verdict, drawn, only_json, rows_frame, section_tables
+from insnav.report.page import DataFrame, Page, Section, Verdict, drawn, of_table, only_json, rows_frame, section_tables
 from insnav.report.regression import panels
+from insnav.report.style import number
 from insnav.report.terminal import hanging, table_text
 from insnav.result import Result
 from insnav.sample_statistics import rms
@@ -37,8 +36,8 @@ _WARNED = 3  # failing figures listed before the matrix
 _MADE = "Version "  # start of the line that names the version of the figures
 _IN_SECTION = ("accuracy_cep50_m", "accuracy_growth")
 _PEER_NOTE = (
-    f"RMS over the first {LONGEST:g} s of the first drive of each case, longer if the heading needs it. From "
-    f"{LATEST:g} s on at the latest. Samples, fixes, start and sensor figures are equal. gtsam: at the fixes only"
+    f"RMS over the first {peers.LONGEST:g} s of the first drive of each case, longer if the heading needs it. From "
+    f"{peers.LATEST:g} s on at the latest. Samples, fixes, start and sensor figures are equal. gtsam: at the fixes only"
 )
 PEERS = "The same drives by other programs"
 UNDETECTABLE = 10.0  # above this detectable change, the test shows nothing useful [%]
@@ -264,19 +263,7 @@ def change_text(change: Change) -> str:
 
 def change_rows(changes: Sequence[Change]) -> tuple[tuple[Quantity, ...], ...]:
     """Build one row per change."""
-    return tuple(
-        (
-            Quantity("case", change.case),
-            Quantity("metric", change.metric.key),
-            Quantity("old", change.old),
-            Quantity("new", change.new),
-            Quantity("change", change.shift.change),
-            Quantity("p", change.adjusted, meaning="p, corrected", digits=1),
-            Quantity("verdict", change.verdict),
-            Quantity("fails", change.fails),
-        )
-        for change in changes
-    )
+    return tuple(of_table("regression.change", change) for change in changes)
 
 
 def peer_section(peers: Sequence[PeerRow]) -> Section:
@@ -401,11 +388,11 @@ def write_published(
     folder: Path, found: Regression, recorded: Collection[str], progress: Callable[[float], None]
 ) -> Path:
     """Simulate published outage tests; write them with the ratio to the `recorded` cases."""
-    compared = compare_published(read_cases(), progress=progress)
+    compared = peers.compare_published(peers.read_cases(), progress=progress)
     cases = {} if found.baseline is None else dict(found.baseline.cases)
     cases |= {name: case for name, case in found.accuracy.cases.items() if case.measured.values}
     growth = {name: case.measured.growth for name, case in cases.items() if name in recorded}
-    field = field_factor(compared, recorded_ratios(growth))
+    field = peers.field_factor(compared, peers.recorded_ratios(growth))
     missing = sorted({f"{each.case.imu}: {', '.join(each.missing)}" for each in compared if each.missing})
     places = sorted({f"{each.case.source.split(',')[0]}: {each.case.where}" for each in compared})
     lists = {"compared": compared, "missing": missing, "places": places}

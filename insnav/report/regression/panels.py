@@ -9,17 +9,15 @@ from typing import Any
 import numpy as np
 from scipy.special import stdtrit
 
-from insnav.regression.accuracy_metrics import FAILS_FROM, METRICS, Metric
 from insnav.regression.baseline import Baseline
-from insnav.regression.evaluate import GROWTH, Accuracy, CaseResult
+from insnav.regression.evaluate import FAILS_FROM, GROWTH, METRICS, Accuracy, CaseResult, Metric
 from insnav.regression.peers import PeerRow
 from insnav.regression.regress import Entry
 from insnav.regression.verdict import Change, Comparison, detectable
-from insnav.report.colours import AXIS_COLOURS, BLACK, BLUE, GREEN, GREY, SKY, VERMILLION
-from insnav.report.numbers import number
 from insnav.report.page import Cell, Matrix, Table
 from insnav.report.panels import Curve, Panel
 from insnav.report.run.panels import GROUPS
+from insnav.report.style import AXIS_COLOURS, BLACK, BLUE, GREEN, GREY, SKY, VERMILLION, number
 from insnav.types import BoolArray, FloatArray
 
 COLUMNS = 4  # of panels side by side

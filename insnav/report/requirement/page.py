@@ -9,14 +9,12 @@ import numpy as np
 
 from insnav.errors.requirement import aided as aiding
 from insnav.errors.requirement.allocation import STEEP, TAU, Share
-from insnav.errors.requirement.parts import LIMITS, NINE_POSITION, Candidate
-from insnav.errors.requirement.study import FIELD_FACTOR, RequirementStudy
+from insnav.errors.requirement.study import FIELD_FACTOR, LIMITS, NINE_POSITION, Candidate, RequirementStudy
 from insnav.findings import Code, Finding
 from insnav.quantity import Quantity
-from insnav.report.colours import BLACK, BLUE, GREEN, GREY, ORANGE, PURPLE, SKY, VERMILLION
-from insnav.report.numbers import number
-from insnav.report.page import DataFrame, Page, Section, Verdict, by_warnings, drawn, only_json, rows_frame
+from insnav.report.page import DataFrame, Page, Section, Verdict, by_warnings, drawn, of_table, only_json, rows_frame
 from insnav.report.panels import Curve, Panel, bars
+from insnav.report.style import BLACK, BLUE, GREEN, GREY, ORANGE, PURPLE, SKY, VERMILLION, number
 from insnav.result import Result
 from insnav.types import FloatArray
 from insnav.units import UNITS, shown_unit
@@ -152,21 +150,11 @@ def _example(study: RequirementStudy) -> tuple[Section, ...]:
         return ()
     limit = study.required.error
     helps = tuple(
-        (
-            Quantity("remedy", each.name, meaning="instead of a better IMU"),
-            Quantity("error", each.error, "m"),
-            Quantity("change", each.ratio - 1.0, "%"),
-            Quantity("meets", each.error <= limit),
-        )
+        of_table("requirement.remedy", each, change=each.ratio - 1.0, meets=each.error <= limit)
         for each in study.remedies
     )
     halves = tuple(
-        (
-            Quantity("family", each.family, meaning="error"),
-            Quantity("halved", each.halved, "%", meaning="change if it were half as large"),
-            Quantity("elasticity", each.elasticity, digits=2),
-        )
-        for each in sorted(study.elasticities, key=lambda each: each.halved)
+        of_table("requirement.elasticity", each) for each in sorted(study.elasticities, key=lambda each: each.halved)
     )
     shares = tuple(
         (Quantity("source", name, meaning="error when GPS ends"), Quantity("share", value, "%"))
@@ -183,16 +171,14 @@ def _example(study: RequirementStudy) -> tuple[Section, ...]:
 
 def _requirement(study: RequirementStudy) -> tuple[Quantity, ...]:
     required = study.required
-    return (
-        Quantity("error", required.error, "m"),
-        Quantity("after", required.after, "s"),
-        Quantity("probability", required.probability),
-        Quantity("component", required.component),
-        Quantity("motion", study.motion),
-        Quantity("imu", study.imu or None),
-        Quantity("feasible", study.allocation.feasible),
-        Quantity("given_error", study.allocation.given, "m"),
-        Quantity("set_error", study.allocation.error, "m"),
+    return of_table(
+        "requirement.required",
+        required,
+        motion=study.motion,
+        imu=study.imu or None,
+        feasible=study.allocation.feasible,
+        given_error=study.allocation.given,
+        set_error=study.allocation.error,
     )
 
 

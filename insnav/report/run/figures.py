@@ -9,10 +9,9 @@ import numpy as np
 
 from insnav.errors.evaluated_run import EvaluatedRun
 from insnav.errors.metrics import travelled
-from insnav.report.colours import AXIS_COLOURS, BLUE, GREY, ORANGE, SKY, VERMILLION
-from insnav.report.numbers import distance_text, duration_text, number
 from insnav.report.panels import Clock, Curve, Drawing, Panel, broken_at_gaps
 from insnav.report.run.panels import GROUPS, RunAxis, error_distribution, nis_levels, run_track, sensor_errors
+from insnav.report.style import AXIS_COLOURS, BLUE, GREY, ORANGE, SKY, VERMILLION, distance_text, duration_text, number
 from insnav.sample_statistics import rms
 from insnav.types import BoolArray, FloatArray
 from insnav.units import DEG, DEG_PER_H, G0, PPM

@@ -13,9 +13,8 @@ from insnav.errors.evaluated_run import EvaluatedRun, outages
 from insnav.errors.metrics import MOVING_M_S, TrajectoryErrors
 from insnav.findings import Code, of_code
 from insnav.messages import render
-from insnav.report.colours import AXIS_COLOURS, BLUE, GREEN, GREY, ORANGE, VERMILLION
-from insnav.report.numbers import number
 from insnav.report.panels import LEAST_ERROR, Clock, Curve, Panel, Shade, Track, broken_at_gaps, wrapped
+from insnav.report.style import AXIS_COLOURS, BLUE, GREEN, GREY, NED, ORANGE, VERMILLION, number
 from insnav.strapdown import nearest_rows
 from insnav.types import BoolArray, FloatArray, Run, SensorErrors, Trajectory
 from insnav.units import DEG, DEG_PER_H, G0
@@ -27,8 +26,8 @@ DRAWN = 200_000  # rows of a solution at most
 T = TypeVar("T", Trajectory, TrajectoryErrors | None)
 _VARIES = 1.5  # least ratio of values for a colour scale
 EVENTS = 150  # largest number of marks per kind
-_NED, _RPH, _XYZ = ("north", "east", "down"), ("roll", "pitch", "heading"), ("x", "y", "z")
-GROUPS = (("position", "m", 1.0, _NED), ("velocity", "m/s", 1.0, _NED), ("attitude", "deg", DEG, _RPH))
+_RPH, _XYZ = ("roll", "pitch", "heading"), ("x", "y", "z")
+GROUPS = (("position", "m", 1.0, NED), ("velocity", "m/s", 1.0, NED), ("attitude", "deg", DEG, _RPH))
 _FIX_TYPES = ((1.0, "fixed"), (2.0, "float"), (4.0, "DGPS"), (5.0, "single"), (0.0, "none"))
 _GATES: dict[str, tuple[Code, ...]] = {
     "position": (Code.GATE_POSITION, Code.DEWEIGHTED_POSITION),
@@ -218,7 +217,7 @@ def _separation(run: Run, axis: RunAxis) -> list[Panel]:
     expected = np.full_like(apart, np.nan)
     if filtered.sd is not None and smoothed.sd is not None:
         expected = 3.0 * np.sqrt(np.maximum(filtered.sd[:, :3] ** 2 - smoothed.sd[:, :3] ** 2, 0.0))
-    curves = _banded(axis, _NED, filtered.time, apart, expected, around=0.0)
+    curves = _banded(axis, NED, filtered.time, apart, expected, around=0.0)
     note = "filtered minus smoothed position; band: ±3 sd as expected of the difference"
     return [axis.panel("separation", "Forward-backward separation", "separation [m]", curves, note=note)]
 

@@ -3,23 +3,95 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from insnav.errors.evaluated_run import EvaluatedRun, outages
+from insnav.errors.evaluated_run import LENGTH, EvaluatedRun, ShortWindow, outages, size_at
 from insnav.errors.metrics import MOVING_M_S, TrajectoryErrors, accuracy_by_motion, nees, travelled
-from insnav.errors.reference_offset import ReferenceOffset
+from insnav.errors.reference_check import ReferenceOffset
 from insnav.filter.noise_estimate import NoiseEstimate
 from insnav.findings import Code, of_code
 from insnav.quantity import Quantity, quantity_of
-from insnav.report.page import Section, one_each, only_json
+from insnav.report.page import Section, drawn, of_table, one_each, only_json
+from insnav.report.panels import Curve, Panel
+from insnav.report.style import BLACK, BLUE, GREY, ORANGE, VERMILLION
 from insnav.sample_statistics import rms, rms_length
 from insnav.types import Alignment, BoolArray, FloatArray, Run, SensorErrors, Trajectory
 
 if TYPE_CHECKING:  # a run has no fleet
     from insnav.fleet.tuning import Tuned
+
+TIMES = (10.0, 30.0, 60.0)  # since the start of a window [s]
+_ROWS = (
+    ("position", "position", "m", "position"),
+    ("dropped", "position_by_dropped_terms", "m", "by dropped terms"),
+    ("rest", "position_by_euler", "m", "by Euler's rule"),
+    ("velocity", "velocity", "m/s", "velocity"),
+    ("untilted", "position_if_dropped_from_attitude_too", "m", "attitude too"),
+)
+
+
+def short_section(windows: Sequence[ShortWindow]) -> Section:
+    """Build RMS and largest horizontal difference after some times."""
+    after = {}
+    for time in TIMES:
+        sizes = {key: size_at(windows, name, time) for name, key, _, _ in _ROWS}
+        after[f"after_{time:g}_s"] = tuple(
+            Quantity(key, {"rms": rms(sizes[key]), "max": float(sizes[key].max())}, unit, meaning=label)
+            for _, key, unit, label in _ROWS
+        )
+    title = "Short-duration mechanization minus the full one, horizontal"
+    shape = f"{len(windows)} windows of {LENGTH:g} s, free-inertial from the same state"
+    caption = "Short-duration mechanization minus the full one"
+    drawing = drawn("short_mechanization", caption, short_panels(windows), shape)
+    note = "Earth and transport rate dropped from the velocity; last columns: position if from the attitude as well"
+    return Section(
+        "short_mechanization",
+        "Short-duration mechanization",
+        (Quantity("windows", len(windows)), Quantity("mean_speed", float(np.mean([w.speed for w in windows])), "m/s")),
+        parts=(one_each("", title, after, "time", note), drawing),
+    )
+
+
+def short_panels(windows: Sequence[ShortWindow]) -> Iterator[Panel]:
+    """Draw the difference of short and full form in every window, and the share of the dropped terms."""
+    elapsed = windows[0].elapsed
+
+    def sizes(name: str) -> FloatArray:
+        each = (np.hypot(*getattr(window, name)[:, :2].T) for window in windows)
+        return np.array([np.interp(elapsed, w.elapsed, size) for w, size in zip(windows, each, strict=True)])
+
+    def mean(name: str) -> FloatArray:
+        return np.asarray(np.sqrt(np.mean(sizes(name) ** 2, axis=0)))
+
+    for title, name, label in (
+        ("Position", "position", "horizontal [m]"),
+        ("Velocity", "velocity", "horizontal [m/s]"),
+        ("Position, if Earth and transport rate are dropped from the attitude too", "untilted", "horizontal [m]"),
+    ):
+        size = sizes(name)
+        curves = [Curve("each window", elapsed, each, GREY, "thin") for each in size]
+        curves += [Curve("RMS", elapsed, mean(name), BLUE), Curve("largest", elapsed, size.max(axis=0), ORANGE)]
+        if name == "position":
+            curves.append(Curve("RMS by the dropped terms", elapsed, mean("dropped"), BLACK, "dashed"))
+            curves.append(Curve("RMS by Euler's rule", elapsed, mean("rest"), VERMILLION, "dashed"))
+        across = "time since the start of the window [s]"
+        yield Panel(f"short_{name}", f"{title}, short minus full", label, across, tuple(curves), "short")
+
+
+def short_columns(windows: Sequence[ShortWindow]) -> dict[str, FloatArray]:
+    """Return the columns of ``short.csv``: time, and every difference of every window."""
+    columns = {
+        "time_s": np.round(np.concatenate([w.start + w.elapsed for w in windows]), 9),
+        "window_start_s": np.concatenate([np.full(len(w.elapsed), w.start) for w in windows]),
+    }
+    for name, unit in (("position", "m"), ("velocity", "m_s"), ("dropped", "m"), ("untilted", "m")):
+        values = np.concatenate([getattr(w, name) for w in windows])
+        columns |= {f"{name}_{axis}_{unit}": np.round(values[:, i], 6) + 0.0 for i, axis in enumerate("ned")}
+    return columns
+
 
 SHOWN_STATISTICS = ("rms", "p95", "max")
 SHOWN_ERRORS = tuple(
@@ -48,13 +120,7 @@ def run_sections(found: EvaluatedRun, reference: str = "") -> tuple[Section, ...
     run = found.run
     events = Quantity("events", dict(sorted(Counter(event.code.value for event in run.events).items())))
     spans = [
-        (
-            Quantity("start", a, "s", decimals=1),
-            Quantity("end", b, "s", decimals=1),
-            Quantity("duration", b - a, "s"),
-            Quantity("rejected", rejected, meaning="fixes rejected"),
-        )
-        for a, b, rejected in outages(run)
+        of_table("run.outage", start=a, end=b, duration=b - a, rejected=rejected) for a, b, rejected in outages(run)
     ]
     return (
         _accuracy("Accuracy of the filtered solution", found.errors, reference),
@@ -67,17 +133,9 @@ def run_sections(found: EvaluatedRun, reference: str = "") -> tuple[Section, ...
         Section("sensor_errors", "Estimated sensor errors at the end", _sensor_errors(run.sensor_errors)),
         *((noise_section(found.noise),) if found.noise is not None else ()),
         Section("alignment", "Initial alignment", alignment_items(run.alignment), show="page"),
-        *_short_duration(found),
+        *((short_section(found.short_duration),) if found.short_duration else ()),
         Section("", "Events", (events,), note="events.csv has each of them", show="page"),
     )
-
-
-def _short_duration(found: EvaluatedRun) -> tuple[Section, ...]:
-    if not found.short_duration:
-        return ()
-    from insnav.report.run.short_duration import short_section
-
-    return (short_section(found.short_duration),)
 
 
 def noise_section(found: NoiseEstimate | Tuned) -> Section:
@@ -89,11 +147,7 @@ def noise_section(found: NoiseEstimate | Tuned) -> Section:
             name += " of the variance that lasts" if figure.key == "gps.share" else ", factor of sd"
         name += "" if figure.observable else ", not observable: the prior"
         items.append(Quantity(figure.key.replace(".", "_"), figure.value, figure.unit, None, interval, name))
-    items += [
-        Quantity("log_likelihood_gain", found.gain),
-        Quantity("mean_square_before", found.mean_before, meaning="mean square of normalised innovations, prior"),
-        Quantity("mean_square", found.mean_after, meaning="mean square of normalised innovations, as found"),
-    ]
+    items += [*of_table("run.likelihood", found)]
     note = (
         "imu.toml is the IMU for --imu. gps: factors of sd. prior: the preset. Prior of white gyro noise: "
         "the noise of a minute at rest (0.1 to 0.5 Hz)"
@@ -252,11 +306,7 @@ def _accuracy(title: str, errors: TrajectoryErrors | None, reference: str) -> Se
         part: () if figures is None else tuple(quantity_of(key, value) for key, value in figures.items())
         for part, figures in accuracy_by_motion(errors).items()
     }
-    counted = (
-        Quantity("reference", reference),
-        Quantity("epochs", len(errors.time)),
-        Quantity("moving_is_faster_than", MOVING_M_S, "m/s"),
-    )
+    counted = of_table("run.compared", reference=reference, epochs=len(errors.time), moving_is_faster_than=MOVING_M_S)
     each = (only_json(part, *items) if items else only_json("", Quantity(part, None)) for part, items in parts.items())
     table = _accuracy_table(title, parts)
     return Section("accuracy", parts=(only_json("", *counted), *each, table, _consistency(nees(errors))))

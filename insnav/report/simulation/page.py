@@ -26,19 +26,17 @@ from insnav.messages import sentence
 from insnav.output.data_files import write_data, write_table
 from insnav.output.folder import RunFolder
 from insnav.quantity import Quantity, key_suffix
-from insnav.report.colours import AXIS_COLOURS, BLUE, GREEN, GREY, ORANGE, VERMILLION
-from insnav.report.numbers import number
-from insnav.report.page import Light, Page, Section, Verdict, beside, drawn, only_json
+from insnav.report.page import Light, Page, Section, Verdict, beside, drawn, of_table, only_json
 from insnav.report.panels import Clock, Curve, Panel, Shade, Track, broken_at_gaps, over_time, wrapped
 from insnav.report.run.panels import GROUPS as ERRORS
-from insnav.report.run_json import json_ready, section_facts, versions
-from insnav.report.save import imu_model, write_page
+from insnav.report.save import imu_model, json_ready, section_facts, versions, write_page
+from insnav.report.style import AXIS_COLOURS, BLUE, GREEN, GREY, ORANGE, VERMILLION, number
 from insnav.report.terminal import entry
 from insnav.session.simulation import IDEAL, Plan
-from insnav.simulate.gps_errors import GpsSpec
 from insnav.simulate.montecarlo import Runs
 from insnav.simulate.motion import MotionProfile
 from insnav.simulate.recording import Recording, times
+from insnav.simulate.sensor_errors import GpsSpec
 from insnav.simulate.truth import Kinematics, Truth
 from insnav.simulate.truth_from_track import Residual
 from insnav.types import FloatArray, IntArray
@@ -83,11 +81,8 @@ def recording_page(plan: Plan, made: Recording) -> Page:
     time, motion = seen(plan.truth)
     command = run_command(plan, made.lever_b, motion)
     samples = f"{len(made.imu.time)} samples at {plan.rate:g} Hz, {_SAMPLES[plan.sampling]}"
-    counts = (
-        Quantity("imu_samples", len(made.imu.time)),
-        Quantity("gps_fixes", len(made.gps.time)),
-        Quantity("lever_arm", made.lever_b, "m"),
-        Quantity("command", command),
+    counts = of_table(
+        "simulation.counts", made, imu_samples=len(made.imu.time), gps_fixes=len(made.gps.time), command=command
     )
     moved = motion_section(plan, time, motion)
     absent = () if plan.imu is None else plan.imu.absent
@@ -181,14 +176,7 @@ def write_sketches(folder: RunFolder, profiles: Sequence[MotionProfile]) -> Path
 
     `folder`: entered, not committed.
     """
-    rows = tuple(
-        (
-            Quantity("name", each.name),
-            Quantity("duration", each.duration, "s", decimals=0),
-            Quantity("purpose", each.purpose),
-        )
-        for each in profiles
-    )
+    rows = tuple(of_table("simulation.profile", each) for each in profiles)
     sketches = tuple(_sketch(each) for each in profiles)
     return write_page(folder, Page("Motion profiles", (), (Section("profiles", rows=rows), *sketches)))
 
@@ -302,15 +290,7 @@ def motion_section(plan: Plan, time: FloatArray, motion: Kinematics) -> Section:
 
 
 def _replica(apart: Residual) -> Section:
-    items = (
-        Quantity("position_rms", apart.position, "m"),
-        Quantity("velocity_rms", apart.velocity, "m/s"),
-        Quantity("farthest", apart.farthest, "m", meaning="largest difference of position"),
-        Quantity("farthest_time", apart.farthest_time, "s", meaning="at", decimals=1),
-        Quantity("max_acceleration", apart.acceleration, "m/s^2", meaning="largest acceleration"),
-        Quantity("max_acceleration_time", apart.acceleration_time, "s", meaning="at", decimals=1),
-        Quantity("longest_gap", apart.gap, "s", meaning="longest data gap of the track"),
-    )
+    items = of_table("simulation.replica", apart)
     parts = (only_json("", Quantity("doubts", tuple(sentence(each, "en") for each in apart.doubts))),)
     return Section("replica", "Simulated replica minus its track", items, parts=parts)
 
@@ -389,10 +369,7 @@ def ensemble_page(plan: Plan, found: Ensemble, runs: Runs) -> Page:
     mean, worst = float(horizontal.mean()), float(horizontal.max())
     positions, rejected, resets = (int(columns[name].sum()) for name in _COUNTS)
     failed = tuple(failures_of(runs))
-    failures = tuple(
-        (Quantity("run", each.number), Quantity("seed", each.seed), Quantity("code", each.error.code))
-        for each in runs.failures
-    )
+    failures = tuple(of_table("simulation.failure", each) for each in runs.failures)
     parts = (Section("failed", rows=failures, show="json"), _errors(found))
     items = (
         Quantity("runs", len(runs.number)),

@@ -1,28 +1,301 @@
-"""Motion profile (``*.toml``): start and segments of a drive, in order."""
+"""Motion profile (``*.toml``): start and segments of a drive, in order, and their conversion to an exact motion.
+
+Moves or waypoints give commanded speed, heading and grade, and these the motion of a body.
+"""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
 from pydantic import Field, PlainValidator
+from scipy.integrate import cumulative_trapezoid
+from scipy.interpolate import PchipInterpolator, PPoly, make_interp_spline
 
+from insnav.attitude import dcm_from_quat, quat_from_rotvec, quat_from_rph, quat_multiply
 from insnav.config_file import Table, checked, quantity, read_toml, refuse, scalar, signed_scalar, similar, wrong
+from insnav.earth import metres_per_unit, ned_offset, radii
+from insnav.earth_fixed import earth_from_lla, quat_earth_from_level
 from insnav.exceptions import ConfigError
-from insnav.simulate.imu_errors import Seed
-from insnav.simulate.motion.assemble import Commands, Start, commands_of, spacing_of, truth_of, way_through
-from insnav.simulate.motion.kinds import KINDS, Kind, Vibration
-from insnav.simulate.motion.moves import Move, State
+from insnav.simulate.motion.moves import KINDS, Kind, Move, State, Vibration, shaken
 from insnav.simulate.motion.segments import SEGMENTS, Repeat, Segment
-from insnav.simulate.truth import Truth
+from insnav.simulate.sensor_errors import Seed
+from insnav.simulate.truth import EarthTruth, LevelTruth, Spline, Truth, Turns, spline_through
 from insnav.types import FloatArray
+from insnav.units import G0
 
+_SPACINGS = (0.04, 0.02, 0.01, 0.005, 0.0025, 0.002, 0.001)  # of knots: round, to coincide with samples [s]
+_PER_PERIOD = 20.0  # knots in the shortest period of a coning or sculling motion
+_POLAR = math.radians(80.0)  # latitude beyond which Earth-fixed axes are used [rad]
+_DEGREE = 7
+_PASSES = 4
 _LONGEST = 48.0 * 3600.0  # [s]
 _MAX_MOVES = 20_000
 _HIGHEST_VIBRATION = 100.0  # [Hz]
+
+
+@dataclass(frozen=True, slots=True)
+class Start:
+    """Initial state of a motion."""
+
+    lla: FloatArray  # (3,) latitude [rad], longitude [rad], height [m]
+    # [rad], [m/s]
+    heading: float
+    speed: float
+    # of the IMU in the level vehicle [rad]
+    roll: float
+    pitch: float
+    time: float  # [s]
+
+
+@dataclass(frozen=True, slots=True)
+class Commands:
+    """Commanded motion of the vehicle, at evenly spaced instants."""
+
+    time: FloatArray  # (n,) since the start [s]
+    # (n,) Forward [m/s], [rad], [rad], to the right [m/s]
+    speed: FloatArray
+    heading: FloatArray
+    grade: FloatArray
+    right: FloatArray
+    duration: float  # [s]
+
+
+def spacing_of(moves: Sequence[Move], vibration: Vibration) -> float:
+    """Choose the knot spacing for the fastest of all these motions [s]."""
+    fastest = max((move.frequency for move in moves), default=0.0)
+    needed = min(1.0 / (_PER_PERIOD * fastest) if fastest else 1.0, 0.25 / vibration.highest)
+    return next((spacing for spacing in _SPACINGS if spacing <= needed * (1.0 + 1e-9)), _SPACINGS[-1])
+
+
+def commands_of(moves: Sequence[Move], spacing: float) -> Commands:
+    """Concatenate the moves."""
+    edges = np.concatenate([[0.0], np.cumsum([move.duration for move in moves])])
+    # knots at round times coincide with samples, which avoids slivers in the quadrature
+    t: FloatArray = spacing * np.arange(math.ceil(edges[-1] / spacing - 1e-9) + 1.0)
+    held = np.minimum(t, edges[-1])
+    first = np.searchsorted(held, edges, side="left")
+    first[-1] = len(t)
+    speed, heading, grade, right = (np.zeros(len(t)) for _ in range(4))
+    for move, begin, a, b in zip(moves, edges, first[:-1], first[1:], strict=False):
+        local = held[a:b] - begin
+        speed[a:b] = move.begin.speed if move.speed is None else move.speed(local)
+        heading[a:b] = move.begin.heading if move.heading is None else move.heading(local)
+        grade[a:b] = 0.0 if move.grade is None else move.grade(local)
+        right[a:b] = 0.0 if move.right is None else move.right(local)
+    return Commands(t, speed, heading, grade, right, float(edges[-1]))
+
+
+def truth_of(
+    commands: Commands, moves: Sequence[Move], start: Start, vehicle: Kind, vibration: Vibration, seed: Seed
+) -> Truth:
+    """Build the exact motion of a vehicle from its commands, with moves that rotate its body.
+
+    The rates of position are splines through the commanded ones, integrated as polynomials; attitude is a spline, too.
+    All outputs of the truth are derivatives of these. The knots determine how closely commands are followed, not the
+    consistency of the motion.
+
+    Returns: truth in latitude, longitude, height and roll, pitch, heading. Beyond 80 deg of latitude, or with body
+    rotation, it uses Earth-fixed axes, and the heading counts from the great circle that starts northward.
+    """
+    t = commands.time
+    rates = spline_through(t, np.column_stack([commands.speed, commands.heading, commands.grade]))(t, 1)
+    shake, rock = shaken(t, commands.speed, vehicle.body, vibration, seed)
+    sideways = commands.speed * rates[:, 1]
+    roll = np.arctan(sideways / G0) if vehicle.banks else -vehicle.body.lean * sideways
+    pitch = commands.grade + vehicle.body.squat * rates[:, 0]
+    rph = np.column_stack([start.roll + roll, start.pitch + pitch, commands.heading]) + rock
+    ahead = commands.speed * np.cos(commands.grade) + shake[:, 0]
+    right = commands.right + shake[:, 1]
+    climb = commands.speed * np.sin(commands.grade) - shake[:, 2]
+    cos, sin = np.cos(commands.heading), np.sin(commands.heading)
+    velocity = np.column_stack([ahead * cos - right * sin, ahead * sin + right * cos, climb])
+    if abs(start.lla[0]) < _POLAR and not any(move.body for move in moves) and np.abs(rph[:, 1]).max() < _POLAR:
+        curve = position_curve(t, velocity, start.lla)
+        return LevelTruth(start.lla, curve, spline_through(t, rph), commands.duration, start.time)
+    position, axes = earth_path(t, velocity, start.lla)
+    q_ev = quat_multiply(axes, quat_from_rph(rph))
+    turns = turns_of(moves, t[1] - t[0]) if any(move.body for move in moves) else None
+    origin = earth_from_lla(start.lla[None])[0]
+    return EarthTruth(origin, position, spline_through(t, q_ev), turns, commands.duration, start.time)
+
+
+def position_curve(t: FloatArray, velocity: FloatArray, lla: FloatArray) -> Spline:
+    """Integrate a velocity North, East, up ``(n, 3)`` [m/s] over the ellipsoid: position minus its start `lla`.
+
+    Latitude [rad], longitude [rad], height [m].
+    """
+    here = np.tile(np.asarray(lla, dtype=np.float64), (len(t), 1))
+    # The rates depend on position only through radii and parallel, which change by parts in 1e7 per metre. Trapezoids
+    # are accurate enough, and each pass gains five digits on 100 km.
+    for _ in range(3):
+        rates = velocity / metres_per_unit(here)
+        here = lla + cumulative_trapezoid(rates, t, axis=0, initial=0.0)
+    return spline_through(t, rates).integral()
+
+
+def earth_path(t: FloatArray, velocity: FloatArray, lla: FloatArray) -> tuple[Spline, FloatArray]:
+    """Integrate a velocity over the ellipsoid, in Earth-fixed axes, also across a pole.
+
+    `t` (n,): times [s]. `velocity` (n, 3): along two level axes, initially North and East, that rotate with the
+    vertical but not about it, and up [m/s]. `lla` (3,): start: latitude [rad], longitude [rad], height [m].
+    Returns: `position`: Earth-fixed position since the start [m]. `axes` (n, 4): quaternion of the level axes and down
+    in Earth-fixed axes.
+    """
+    start = quat_earth_from_level(lla[None])[0]
+    axes = np.tile(start, (len(t), 1))
+    height = lla[2] + cumulative_trapezoid(velocity[:, 2], t, initial=0.0)
+    # In the moving axes the rotation depends on position only by the radii of curvature: each pass gains two digits or
+    # more.
+    for _ in range(_PASSES):
+        north_axis, east_axis, down = _columns(axes)
+        sine = -down[:, 2]
+        meridian, transverse = radii(np.arcsin(np.clip(sine, -1.0, 1.0)))
+        # the ellipsoid has a larger radius of curvature along the parallel: Euler's theorem
+        away = np.column_stack([-sine * -down[:, 0], -sine * -down[:, 1], 1.0 - sine**2])
+        away /= np.maximum(np.linalg.norm(away, axis=1, keepdims=True), 1e-12)
+        across = np.cross(down, away)
+        v_e = velocity[:, :1] * north_axis + velocity[:, 1:2] * east_axis
+        along = np.einsum("ij,ij->i", v_e, away) / (meridian + height)
+        aside = np.einsum("ij,ij->i", v_e, across) / (transverse + height)
+        tilt = along[:, None] * away + aside[:, None] * across  # rotation of the upward normal per second
+        turn_e = np.cross(-down, tilt)
+        # the same in the moving axes: a rotation from the right, summed as small rotations
+        turn = np.column_stack([np.einsum("ij,ij->i", turn_e, axis) for axis in (north_axis, east_axis, down)])
+        angle = cumulative_trapezoid(turn, t, axis=0, initial=0.0)
+        axes = quat_multiply(np.tile(start, (len(t), 1)), _wound(angle))
+    north_axis, east_axis, down = _columns(axes)
+    v_e = velocity[:, :1] * north_axis + velocity[:, 1:2] * east_axis - velocity[:, 2:] * down
+    return spline_through(t, v_e).integral(), axes
+
+
+def _wound(angle: FloatArray) -> FloatArray:
+    """Compute quaternions after successive small rotations, from their sums ``(n, 3)`` [rad], by doubling."""
+    steps = quat_from_rotvec(np.diff(angle, axis=0, prepend=angle[:1]))
+    reach = 1
+    while reach < len(steps):
+        steps[reach:] = quat_multiply(steps[:-reach], steps[reach:])
+        reach *= 2
+    return np.asarray(steps / np.linalg.norm(steps, axis=1, keepdims=True))
+
+
+def _columns(q: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    C = dcm_from_quat(q)
+    return C[:, :, 0], C[:, :, 1], C[:, :, 2]
+
+
+def turns_of(moves: Sequence[Move], spacing: float) -> Turns:
+    """Build the body rotations in the vehicle, one section per move."""
+    edges, base = [0.0], [np.array([1.0, 0.0, 0.0, 0.0])]
+    pieces, breaks = [], [np.zeros(1)]
+    for move in moves:
+        begin = edges[-1]
+        if move.body is None:
+            pieces.append(np.zeros((_DEGREE + 1, 1, 3)))
+            breaks.append(np.array([begin + move.duration]))
+            after = base[-1]
+        else:
+            count = max(_DEGREE + 2, math.ceil(move.duration / spacing) + 1)
+            local = np.linspace(0.0, move.duration, count)
+            polynomials = spline_through(local, move.body(local), _DEGREE).polynomials
+            pieces.append(polynomials.c)
+            breaks.append(begin + polynomials.x[1:])
+            after = quat_multiply(base[-1][None], quat_from_rotvec(move.body(local[-1:])))[0]
+        edges.append(float(breaks[-1][-1]))
+        base.append(after)
+    polynomials = PPoly(np.concatenate(pieces, axis=1), np.concatenate(breaks))
+    return Turns(np.array(edges[:-1]), np.array(base[:-1]), Spline(polynomials))
+
+
+_SMOOTHING = 2.0  # time over which a change of acceleration is spread [s]
+_FINE = 4001
+
+
+def way_through(
+    lla: FloatArray, speed: FloatArray, spacing: float, vehicle: Kind
+) -> tuple[Commands | None, list[ConfigError]]:
+    """Build the path through points at even instants `spacing` apart [s], or report why it cannot be driven.
+
+    Zero speed at the first and the last of the points `lla` gives a drive from rest to rest. Errors name their points.
+
+    Notes
+    -----
+    The line is a cubic spline through the points over chord length, without curvature at its ends. Between two points
+    the squared speed changes linearly with distance, that is at constant acceleration. The speed over time is then
+    smoothed. Heights follow a monotone interpolation, without new hills.
+    """
+    offset = ned_offset(lla, lla[0])
+    chords = np.linalg.norm(np.diff(offset[:, :2], axis=0), axis=1)
+    legs = [f"waypoints {i + 1} and {i + 2}" for i in range(len(chords))]
+    problems = [ConfigError("sim.same_place", where=legs[i]) for i in np.flatnonzero(chords < 1e-3)]
+    both = (speed[:-1] == 0.0) & (speed[1:] == 0.0)
+    problems += [ConfigError("sim.no_speed", where=legs[i]) for i in np.flatnonzero(both)]
+    acceleration = np.abs(np.diff(speed**2)) / np.maximum(2.0 * chords, 1e-3)
+    problems += [
+        ConfigError(
+            "sim.too_fast_acceleration",
+            where=legs[i],
+            vehicle=vehicle.name,
+            acceleration_m_s2=float(acceleration[i]),
+            limit_m_s2=vehicle.forward,
+        )
+        for i in np.flatnonzero(acceleration > vehicle.forward)
+    ]
+    problems += [
+        ConfigError(
+            "sim.too_fast",
+            where=f"waypoint {i + 1}",
+            vehicle=vehicle.name,
+            speed_m_s=float(speed[i]),
+            limit_m_s=vehicle.speed,
+        )
+        for i in np.flatnonzero(speed > vehicle.speed)
+    ]
+    if problems:
+        return None, problems
+    chord = np.concatenate([[0.0], np.cumsum(chords)])
+    line = make_interp_spline(chord, offset[:, :2], k=3, bc_type="natural") if len(chord) > 2 else None
+    fine = np.linspace(0.0, chord[-1], max(_FINE, 20 * len(chord)))
+    slope = line(fine, nu=1) if line is not None else np.tile(offset[1, :2] / chord[1], (len(fine), 1))
+    bend = line(fine, nu=2) if line is not None else np.zeros_like(slope)
+    stretch = np.linalg.norm(slope, axis=1)
+    curvature = np.abs(slope[:, 0] * bend[:, 1] - slope[:, 1] * bend[:, 0]) / stretch**3
+    square = np.interp(fine, chord, speed**2)
+    sideways = curvature * square
+    worst = int(np.argmax(sideways))
+    if sideways[worst] > vehicle.sideways:
+        number = int(np.searchsorted(chord, fine[worst], side="right"))
+        bent = ConfigError(
+            "sim.sideways_at_waypoint",
+            where=f"near waypoint {number}",
+            vehicle=vehicle.name,
+            acceleration_m_s2=float(sideways[worst]),
+            limit_m_s2=vehicle.sideways,
+        )
+        return None, [bent]
+    # along the line: length, and time, exact for constant acceleration between neighbouring instants
+    length = np.concatenate([[0.0], np.cumsum(0.5 * (stretch[1:] + stretch[:-1]) * np.diff(fine))])
+    v = np.sqrt(square)
+    when = np.concatenate([[0.0], np.cumsum(np.diff(length) * 2.0 / np.maximum(v[1:] + v[:-1], 1e-9))])
+    count = int(np.ceil((when[-1] + 2.0 * _SMOOTHING) / spacing)) + 1
+    t: FloatArray = spacing * np.arange(count, dtype=np.float64)
+    # symmetric smoothing preserves the total length
+    half = max(1, round(0.5 * _SMOOTHING / spacing))
+    x = np.arange(-half, half + 1) / (half + 1.0)
+    kernel = (1.0 - x**2) ** 4
+    pace = np.interp(t - _SMOOTHING, when, v, left=float(v[0]), right=float(v[-1]))
+    smooth = np.convolve(np.pad(pace, half, mode="edge"), kernel / kernel.sum(), mode="valid")
+    travelled = np.concatenate([[0.0], np.cumsum(0.5 * (smooth[1:] + smooth[:-1]) * spacing)])
+    travelled -= v[0] * _SMOOTHING
+    at = np.interp(travelled, length, fine)
+    course = np.unwrap(np.arctan2(slope[:, 1], slope[:, 0]))
+    rise = PchipInterpolator(chord, lla[:, 2])(at, nu=1) / np.interp(at, fine, stretch)
+    heading = np.interp(at, fine, course)
+    return Commands(t, smooth, heading, np.arctan(rise), np.zeros_like(t), float(t[-1])), []
 
 
 def _latitude(value: object) -> float:

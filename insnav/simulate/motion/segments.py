@@ -12,8 +12,7 @@ from pydantic import Field, PlainValidator, model_validator
 from insnav.config_file import Axes, Table, quantity, scalar, signed_scalar, wrong
 from insnav.exceptions import ConfigError
 from insnav.simulate.motion import moves
-from insnav.simulate.motion.kinds import FASTEST_SPIN, HIGHEST, Kind
-from insnav.simulate.motion.moves import Move, State
+from insnav.simulate.motion.moves import FASTEST_SPIN, HIGHEST, Kind, Move, State
 
 Length = Annotated[float, scalar("length")]
 SignedLength = Annotated[float, signed_scalar("length")]

@@ -6,9 +6,8 @@ from collections.abc import Callable
 
 import numpy as np
 
-from insnav.errors.budget.sampled_motion import SampledMotion
-from insnav.errors.budget.sources import Source
-from insnav.simulate.imu_errors import flicker
+from insnav.errors.budget.sources import SampledMotion, Source
+from insnav.simulate.sensor_errors import flicker
 
 MU, J2, RADIUS, OMEGA = 3.986004418e14, 1.08262982e-3, 6378137.0, np.array([0.0, 0.0, 7.292115e-5])
 

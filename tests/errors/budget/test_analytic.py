@@ -7,10 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from insnav.errors.budget.analytic import analytic
-from insnav.errors.budget.covariance import covariance
-from insnav.errors.budget.sampled_motion import SampledMotion, at_rest, sampled
-from insnav.errors.budget.sources import Source, families, sources_of
+from insnav.errors.budget.predicted import analytic, covariance
+from insnav.errors.budget.sources import SampledMotion, Source, at_rest, families, sampled, sources_of
 from insnav.imu import ClockSpec
 from insnav.simulate import circle, straight
 from tests.errors.budget.imus import whole

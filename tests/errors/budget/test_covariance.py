@@ -10,8 +10,8 @@ import pytest
 from scipy.linalg import expm
 
 from insnav.earth import ned_offset
-from insnav.errors.budget.analytic import analytic
-from insnav.errors.budget.covariance import (
+from insnav.errors.budget.predicted import (
+    analytic,
     at_start,
     covariance,
     disturbance,
@@ -21,8 +21,16 @@ from insnav.errors.budget.covariance import (
     unit_of,
     worst_case,
 )
-from insnav.errors.budget.sampled_motion import SampledMotion, at_rest, first_movement, sampled
-from insnav.errors.budget.sources import Source, families, only, sources_of
+from insnav.errors.budget.sources import (
+    SampledMotion,
+    Source,
+    at_rest,
+    families,
+    first_movement,
+    only,
+    sampled,
+    sources_of,
+)
 from insnav.exceptions import ConfigError
 from insnav.imu import ClockSpec
 from insnav.kernels.dynamics import system_matrix

@@ -7,11 +7,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from insnav.errors.budget.from_windows import WindowSettings, recorded_budget, verdicts
-from insnav.errors.diagnosis.simulated_replica import replica_task
-from insnav.errors.outage.free_inertial import free_window_starts, free_windows
-from insnav.errors.outage.statistics import COMPONENTS, components, growth
-from insnav.errors.outage.windows import navigated_drive, reference_from_fixes, reference_from_trajectory
+from insnav.errors.budget.from_windows import WindowSettings, recorded_budget, replica_task, verdicts
+from insnav.errors.outage.free_inertial import (
+    free_window_starts,
+    free_windows,
+    navigated_drive,
+    reference_from_fixes,
+    reference_from_trajectory,
+)
+from insnav.errors.outage.gnss_outage import COMPONENTS, components, growth
 from insnav.exceptions import ConfigError
 from insnav.findings import Code, Severity
 from insnav.imu import ImuSpec

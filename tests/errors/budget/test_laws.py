@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import sympy as sp
 
-from insnav.errors.budget import laws
+from insnav.errors.budget import predicted as laws
 from insnav.units import DEG, DEG_PER_H
 
 T, U, V, W = sp.symbols("t u v w", positive=True)

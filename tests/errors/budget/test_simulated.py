@@ -10,12 +10,10 @@ from scipy.stats import chi2, f
 
 from insnav.attitude import quat_conjugate, quat_from_rph, quat_multiply, rotvec_from_quat
 from insnav.earth import ned_offset
-from insnav.errors.budget import simulated
-from insnav.errors.budget.covariance import covariance
-from insnav.errors.budget.error_budget import budget
-from insnav.errors.budget.sampled_motion import SampledMotion, at_rest, sampled
-from insnav.errors.budget.simulated import free_runs
-from insnav.errors.budget.sources import families, only, sources_of
+from insnav.errors.budget import error_budget
+from insnav.errors.budget.error_budget import budget, free_runs
+from insnav.errors.budget.predicted import covariance
+from insnav.errors.budget.sources import SampledMotion, at_rest, families, only, sampled, sources_of
 from insnav.exceptions import ConfigError
 from insnav.imu import ImuSpec, SensorSpec, corrupt, load_imu, sample_errors
 from insnav.simulate import corrupt_imu
@@ -163,7 +161,7 @@ def test_the_first_runs_do_not_depend_on_how_many_follow(driving):
 
 
 def test_processes_make_the_same_runs(driving, monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr(simulated, "_BLOCK", 2)
+    monkeypatch.setattr(error_budget, "_BLOCK", 2)
     one, two = (free_runs(whole(), driving, ROWS, 5, 8, workers=workers) for workers in (1, "processes:2"))
     assert one.tobytes() == two.tobytes()
 

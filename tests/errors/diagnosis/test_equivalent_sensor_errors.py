@@ -7,9 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from insnav.errors.diagnosis.causes import CAUSES, diagnose
-from insnav.errors.diagnosis.equivalent_sensor_errors import fit_sensors
-from insnav.errors.outage.statistics import regression
+from insnav.errors.diagnosis.causes import CAUSES, diagnose, fit_sensors
+from insnav.errors.outage.gnss_outage import regression
 from insnav.units import DEG_PER_H, G0, UG
 from tests.errors.outage import drives
 

@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from insnav.errors.diagnosis.growth_curves import (
+from insnav.errors.diagnosis.causes import (
     about_the_curve,
     end_of_run,
     explain_end,

@@ -7,15 +7,19 @@ from functools import lru_cache
 
 import numpy as np
 
-from insnav.errors.outage.free_inertial import Windows, free_window_starts, free_windows
-from insnav.errors.outage.windows import navigated_drive, reference_from_fixes
+from insnav.errors.outage.free_inertial import (
+    Windows,
+    free_window_starts,
+    free_windows,
+    navigated_drive,
+    reference_from_fixes,
+)
 from insnav.filter import FilterSettings
 from insnav.filter.prepare import Prepared, prepare
 from insnav.imu import ImuErrors, ImuSpec, SensorSpec, corrupt
 from insnav.simulate import LevelTruth
-from insnav.simulate.gps_errors import GpsErrors, GpsSpec, measure_gps
-from insnav.simulate.imu_errors import corrupt_imu
 from insnav.simulate.recording import perfect_imu
+from insnav.simulate.sensor_errors import GpsErrors, GpsSpec, corrupt_imu, measure_gps
 from insnav.types import ImuData
 from insnav.units import DEG, DEG_PER_H, DEG_PER_SQRT_H, M_S_PER_SQRT_H, UG
 from tests.simulate.motions import Segment, drive

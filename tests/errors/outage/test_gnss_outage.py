@@ -10,8 +10,7 @@ import pytest
 from insnav.earth import lla_offset, ned_offset
 from insnav.errors.metrics import at_point
 from insnav.errors.outage import gnss_outage
-from insnav.errors.outage.gnss_outage import RECOVERY, outages
-from insnav.errors.outage.statistics import outage_growth
+from insnav.errors.outage.gnss_outage import RECOVERY, outage_growth, outages
 from insnav.exceptions import ConfigError, InputError
 from insnav.filter import FilterSettings
 from insnav.filter.gps_correlation import CorrelatedNoise

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from insnav.errors.outage.statistics import growth, outage_growth, regression
-from insnav.errors.outage.windows import Outage
+from insnav.errors.outage.free_inertial import Outage
+from insnav.errors.outage.gnss_outage import growth, outage_growth, regression
 from tests.errors.outage import drives
 
 COUNT = 400

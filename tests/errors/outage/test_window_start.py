@@ -8,7 +8,7 @@ import numpy as np
 
 from insnav.attitude import dcm_from_quat
 from insnav.earth import ned_offset
-from insnav.errors.outage.windows import smoothed_start
+from insnav.errors.outage.free_inertial import smoothed_start
 from insnav.filter import FilterSettings, Navigator
 from insnav.filter.prepare import DELAY_SD
 from tests.filter import drives

@@ -10,13 +10,13 @@ import pytest
 from insnav import strapdown
 from insnav.attitude import dcm_from_rph, quat_from_rph, rph_from_quat
 from insnav.earth import lla_offset, ned_offset
-from insnav.errors.outage.free_inertial import Windows, free_window_starts, free_windows
-from insnav.errors.outage.gnss_outage import outages
-from insnav.errors.outage.statistics import COMPONENTS, components, growth, table_times
-from insnav.errors.outage.windows import (
+from insnav.errors.outage.free_inertial import (
     WindowReference,
+    Windows,
     forward_start,
     free_inertial_settings,
+    free_window_starts,
+    free_windows,
     growth_by_start_error,
     is_stationary,
     navigated_drive,
@@ -25,6 +25,7 @@ from insnav.errors.outage.windows import (
     stationary_fixes,
     uncalibrated_start,
 )
+from insnav.errors.outage.gnss_outage import COMPONENTS, components, growth, outages, table_times
 from insnav.exceptions import ConfigError, InputError
 from insnav.simulate import reference
 from insnav.types import ImuData, Trajectory

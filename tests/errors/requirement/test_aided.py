@@ -9,17 +9,16 @@ import numpy as np
 import pytest
 
 import insnav
-from insnav.errors.budget.covariance import covariance
-from insnav.errors.budget.sampled_motion import sampled
-from insnav.errors.budget.sources import sources_of
-from insnav.errors.requirement import aided, sensitivity
+from insnav.errors.budget.predicted import covariance
+from insnav.errors.budget.sources import sampled, sources_of
+from insnav.errors.requirement import aided
 from insnav.errors.requirement.aided import Aiding, Propagation, aided_covariances, propagation
-from insnav.errors.requirement.limit import Requirement
-from insnav.errors.requirement.parts import STOPS, candidates, coasting, remedies
+from insnav.errors.requirement.allocation import Requirement
+from insnav.errors.requirement.study import STOPS, candidates, coasting, remedies
 from insnav.imu import ImuSpec, SensorSpec, load_imu
 from insnav.imu.library import find_part, parts
-from insnav.simulate.gps_errors import GpsErrors, GpsSpec
 from insnav.simulate.motion import load_profile
+from insnav.simulate.sensor_errors import GpsErrors, GpsSpec
 from insnav.simulate.truth import Truth
 
 BARE = ImuSpec("none", SensorSpec(), SensorSpec())
@@ -125,15 +124,15 @@ def test_shapley_effects_of_two_correlated_inputs() -> None:
         first * (1 - rho**2 / 2) + cross + second * rho**2 / 2,
         second * (1 - rho**2 / 2) + cross + first * rho**2 / 2,
     ]
-    assert sensitivity.shapley_effects(b, covariance_, [[0], [1]]) == pytest.approx(expected, rel=1e-6)
+    assert aided.shapley_effects(b, covariance_, [[0], [1]]) == pytest.approx(expected, rel=1e-6)
 
 
 def test_shares_of_the_start_add_up(moved: Propagation) -> None:
     spec = load_imu("industrial")
     at_end, through = aided_covariances(moved, [spec])
-    shares = sensitivity.start_shares(moved, at_end[:, 0], through[:, 0], (0, 1), 30)
+    shares = aided.start_shares(moved, at_end[:, 0], through[:, 0], (0, 1), 30)
     assert sum(shares.values()) == pytest.approx(1.0, abs=1e-6)
     assert all(value >= 0.0 for value in shares.values())
     # without noise in the outage the start makes everything that is left of the whole
-    gain_only = 1.0 - shares[sensitivity.NOISE]
+    gain_only = 1.0 - shares[aided.NOISE]
     assert 0.2 < gain_only < 1.0

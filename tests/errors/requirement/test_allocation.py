@@ -7,9 +7,15 @@ import math
 import numpy as np
 import pytest
 
-from insnav.errors.budget.sampled_motion import SampledMotion, at_rest, sampled
-from insnav.errors.requirement.allocation import FAMILIES, allocate, spec_of
-from insnav.errors.requirement.limit import Requirement, binomial_interval, length_quantile
+from insnav.errors.budget.sources import SampledMotion, at_rest, sampled
+from insnav.errors.requirement.allocation import (
+    FAMILIES,
+    Requirement,
+    allocate,
+    binomial_interval,
+    length_quantile,
+    spec_of,
+)
 from insnav.errors.requirement.study import verify
 from insnav.exceptions import ConfigError
 from insnav.simulate.motion import load_profile

@@ -1,9 +1,16 @@
-"""Number formatting in the shortest form."""
+"""Style of all reports: colours, and numbers in the shortest form.
+
+The colours of Okabe and Ito (2008) are distinguishable with every common kind of colour vision and in grey print.
+"""
 
 from __future__ import annotations
 
 import math
 
+BLUE, ORANGE, GREEN, VERMILLION = "#0072B2", "#E69F00", "#009E73", "#D55E00"
+SKY, PURPLE, BLACK, GREY = "#56B4E9", "#CC79A7", "#000000", "#8A8A8A"
+AXIS_COLOURS = (BLUE, VERMILLION, GREEN)  # x, y, z
+NED = ("north", "east", "down")
 _UNKNOWN = "–"
 _SMALLEST = 1e-7  # written without an exponent
 

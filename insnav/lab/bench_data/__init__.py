@@ -1,1 +1,0 @@
-"""Files of the bench: tables, dwells and records."""

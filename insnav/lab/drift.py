@@ -1,0 +1,467 @@
+"""Gyro drift by its causes, rate, temperature and specific force, its correction, and a smoother for the rest.
+
+N = A + B W + c_T (T - 25 C) + c_g a for each axis: N is the output minus the true rate W, a the specific force along
+the axis. The terms are bias, remaining scale factor error, and the sensitivities to temperature and to g.
+
+A scalar Kalman filter smooths the rate, a random walk observed in white noise. x[k] = x[k-1] + w, z[k] = x[k] + v with
+variances Q and R. Q and R maximise the likelihood of the record (local level model; A. C. Harvey, Forecasting,
+Structural Time Series Models and the Kalman Filter (1989), random walk plus noise). Differences of z have the
+tridiagonal covariance Q + 2 R, -R, whose eigenvectors are sines. The likelihood is therefore exact, at the cost of one
+sine transform. Allan deviations and coefficients show the noise before and after.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from filterpy.kalman import KalmanFilter
+from scipy.fft import dst
+from scipy.optimize import minimize_scalar
+from scipy.signal import lfilter
+
+from insnav.exceptions import InputError
+from insnav.findings import Code, Finding
+from insnav.imu.model import REFERENCE_TEMPERATURE, ErrorTerms, ImuErrors, correct
+from insnav.lab.bench_data import BenchFile, DriftRecord
+from insnav.lab.least_squares import Fit, coverage_factor, linear_fit
+from insnav.lab.noise.allan import GAP, AllanDeviation, allan_deviation, chi_square_interval, covariance, freedom
+from insnav.lab.noise.noise_model import FEWEST_FREEDOM, NAMES, Weights, basis
+from insnav.types import FloatArray, ImuData, IntArray
+from insnav.units import DEG, G0
+
+# least standard deviation of a cause, independent of the earlier causes, for its term
+SHOWS = {"B": 1.0 * DEG, "c_T": 0.5, "c_g": 0.05 * G0}
+_CAUSES = {"B": "rate", "c_T": "temperature", "c_g": "specific_force"}
+_UNITS = {"B": "rad_s", "c_T": "k", "c_g": "m_s2"}
+FEWEST = 100  # samples
+PARTS = (12, 24, 48, 96, 192)  # of a record, whose means reveal correlation of the residuals
+LARGEST_B = 0.5  # of a gyro in the unit of its header
+P0 = DEG**2  # variance of the initial state: 1 (deg/s)^2
+SLOWEST_PART = 10  # largest time constant of the filter, relative to the record that determines Q and R
+SETTLED = 1e-13  # relative change of the gain that counts as zero
+STILL, UNSTEADY, SHORTEST_RAMP = 0.05, 0.2, 5.0  # of a ramp: part of the largest slope, of its own; and [s]
+RAMP_RATE, RAMP_TIME = 60.0 * DEG, 100.0  # 10 r/min, reached in 100 s
+TAUS = (0.1, 0.2, 0.4, 1.0, 2.0, 4.0, 10.0, 50.0)  # averaging times [s]
+POWERS = ("Q", "N", "B", "K", "R")  # of tau: -2, -1, 0, 1, 2
+NORMAL = 1.959964  # half width of a 95 % interval in standard deviations
+SAME = 0.9  # a deviation of more than this part of the one before is no longer lower
+
+
+@dataclass(frozen=True, slots=True)
+class DriftModel:
+    """Drift of one gyro."""
+
+    axis: str  # its letter
+    # fitted terms: A [rad/s], B [-], c_T [rad/s/K], c_g [rad/s/(m/s^2)], and their standard deviations, with the
+    # correlation of the residuals (`variance_inflation`)
+    value: Mapping[str, float]
+    sd: Mapping[str, float]
+    left_out: Mapping[str, Finding]  # terms that the record does not determine, with reason
+    fit: Fit
+    freedom: float  # degrees of freedom of these standard deviations
+
+    def half_width(self, term: str) -> float:
+        """Half width of the 95 % interval of a term."""
+        return self.sd[term] * coverage_factor(self.freedom)
+
+
+def drift_model(record: DriftRecord, axis: str) -> DriftModel:
+    """Fit the drift of one gyro.
+
+    `axis`: letter of the gyro. Raises: InputError: fewer than 100 samples.
+    """
+    if record.time.size < FEWEST:
+        raise InputError("lab.drift_short", where=record.name, count=record.time.size, limit=FEWEST)
+    columns = [np.ones(record.time.size)]
+    causes = {
+        "B": record.rate.get(axis),
+        "c_T": None if record.temperature is None else record.temperature - REFERENCE_TEMPERATURE,
+        "c_g": record.force.get(axis),
+    }
+    names = ["A"]
+    left_out: dict[str, Finding] = {}
+    for term, cause in causes.items():
+        why = _left_out(term, cause, columns, f"gyro {axis}")
+        if why is not None:
+            left_out[term] = why
+        elif cause is not None:
+            names.append(term)
+            columns.append(cause)
+    drift = record.gyro[axis] - record.true_rate(axis)
+    fit = linear_fit(np.column_stack(columns), drift, names, where=f"{record.name}, gyro {axis}")
+    value = dict(zip(names, fit.value.tolist(), strict=True))
+    if abs(value.get("B", 0.0)) > LARGEST_B:
+        raise InputError("lab.rate_scale", where=record.name, sensor=f"gyro {axis}", ratio=1.0 + value["B"])
+    inflation, freedom = variance_inflation(fit.residual, len(names))
+    sd = fit.sd * np.sqrt(inflation)
+    return DriftModel(axis, value, dict(zip(names, sd.tolist(), strict=True)), left_out, fit, freedom)
+
+
+def _left_out(term: str, cause: FloatArray | None, columns: list[FloatArray], subject: str) -> Finding | None:
+    """Find why a term cannot be separated from the earlier ones; None if it can."""
+    if cause is None:
+        return Finding.of(Code.DRIFT_NO_COLUMN, subject=subject, term=term, cause=_CAUSES[term])
+    known = np.column_stack(columns)
+    alone = np.std(cause - known @ np.linalg.lstsq(known, cause, rcond=None)[0])
+    for code, spread in ((Code.DRIFT_CONSTANT, np.std(cause)), (Code.DRIFT_CONFOUNDED, alone)):
+        if spread < SHOWS[term]:
+            size: dict[str, Any] = {f"spread_{_UNITS[term]}": spread, f"limit_{_UNITS[term]}": SHOWS[term]}
+            return Finding.of(code, subject=subject, **size, term=term, cause=_CAUSES[term])
+    return None
+
+
+def variance_inflation(residual: FloatArray, fitted: int) -> tuple[float, float]:
+    """Compute the variance inflation of residual means by correlation.
+
+    For independent samples, the variance of the means of equal parts times their length equals the sample variance. The
+    largest ratio over several lengths up to a twelfth of the record counts. Correlation beyond the parts is not
+    detected (method of batch means; J. M. Flegal and G. L. Jones, Annals of Statistics 38 (2010) 1034).
+
+    `residual` (n,): of a fit. `fitted`: number of its parameters, which reduce the degrees of freedom of the means.
+    Returns inflation of the variance of a mean, at least 1, and its degrees of freedom.
+    """
+    n = residual.size
+    variance = float(residual @ residual) / max(1, n - fitted)
+    best = (1.0, float(max(1, n - fitted)))
+    for parts in PARTS:
+        length = n // parts
+        if length < 2 or not variance > 0.0:
+            continue
+        means = residual[: parts * length].reshape(parts, length).mean(axis=1)
+        inflation = length * float(means @ means) / (parts - fitted) / variance
+        if inflation > best[0]:
+            best = inflation, float(parts - fitted)
+    return best
+
+
+def drift_errors(models: Mapping[str, DriftModel], name: str = "") -> ImuErrors:
+    """Build errors for `insnav.imu.correct`: bias at 25 deg C, scale factor, sensitivities.
+
+    `models`: by letter of the axis; other axes have no errors. `name`: of the sensor.
+    """
+
+    def three(term: str) -> FloatArray:
+        return np.array([models[axis].value.get(term, 0.0) if axis in models else 0.0 for axis in "xyz"])
+
+    terms = ErrorTerms(bias_slope=three("c_T"), g_sensitivity=np.diag(three("c_g")))
+    return ImuErrors(gyro_bias=three("A"), gyro_matrix=np.diag(1.0 + three("B")), gyro_terms=terms, name=name)
+
+
+def corrected_rates(record: DriftRecord, errors: ImuErrors) -> dict[str, FloatArray]:
+    """Remove the modelled drift from the rates, by letter of the axis, (n,) each [rad/s].
+
+    `errors`: from `drift_errors`.
+    """
+    nothing = np.zeros(record.time.size)
+    gyro = np.column_stack([record.gyro.get(axis, nothing) for axis in "xyz"])
+    force = np.column_stack([record.force.get(axis, nothing) for axis in "xyz"])
+    found = correct(ImuData(record.time, gyro, force, temperature=record.temperature), errors).gyro
+    return {axis: found[:, "xyz".index(axis)] for axis in record.axes}
+
+
+@dataclass(frozen=True, slots=True)
+class Smoother:
+    """Scalar Kalman filter in its steady state."""
+
+    q: float  # variance of the step and of the noise of a sample [(rad/s)^2]
+    r: float
+    interval: float  # sampling interval [s]
+    bounded: bool  # Q is at its lower limit: the record has no random walk
+
+    @property
+    def gain(self) -> float:
+        """Steady-state gain: P (P + R)^-1 with P = Q / 2 + sqrt(Q^2 / 4 + Q R) before the update."""
+        p = 0.5 * self.q + math.sqrt(0.25 * self.q**2 + self.q * self.r)
+        return p / (p + self.r)
+
+    @property
+    def time_constant(self) -> float:
+        """Time after a step at which the remainder is 1/e [s]."""
+        return -self.interval / math.log1p(-self.gain)
+
+    @property
+    def lag(self) -> float:
+        """Delay on a ramp, (1 - gain) / gain intervals [s]."""
+        return self.interval * (1.0 - self.gain) / self.gain
+
+
+def choose_smoother(values: FloatArray, interval: float) -> Smoother:
+    """Find Q and R of maximum likelihood.
+
+    `values` (n,): random part of a rate at rest [rad/s]. `interval`: sampling interval [s]. Q is at least so large that
+    the time constant is a tenth of the record: slower walks are not observable. Raises: InputError: values that do not
+    change.
+    """
+    step = np.diff(values)
+    if not np.any(step):
+        raise InputError("lab.constant_rate")
+    n = values.size
+    power = dst(step, type=1, norm="ortho") ** 2
+    shape = 2.0 - 2.0 * np.cos(math.pi * np.arange(1, n) / n)
+
+    def unlikely(logarithm: float) -> float:
+        eigen = math.exp(logarithm) + shape
+        return float(np.sum(np.log(eigen)) + (n - 1) * math.log(float(np.mean(power / eigen))))
+
+    smallest = 2.0 * math.log(SLOWEST_PART / n)
+    found = minimize_scalar(unlikely, bounds=(smallest, 0.0), method="bounded", options={"xatol": 1e-6})
+    # the end of an interval is only approached: take it if equal
+    bounded = unlikely(smallest) <= float(found.fun) + 1e-3
+    ratio = math.exp(smallest if bounded else float(found.x))
+    r = float(np.mean(power / (ratio + shape)))
+    return Smoother(ratio * r, r, interval, bounded)
+
+
+def smooth(values: FloatArray, smoother: Smoother) -> FloatArray:
+    """Run the filter over a rate, from zero with an initial variance of 1 (deg/s)^2.
+
+    The steps are filterpy's until the gain has settled; from there on they are a recursion of constant gain.
+
+    `values` (n,): [rad/s], finite. Returns (n,): [rad/s]. Raises: InputError: A value that is not finite: one would
+    stay in the filter for ever.
+    """
+    if not np.isfinite(values).all():
+        raise InputError("lab.not_finite", row=int(np.argmin(np.isfinite(values))) + 1)
+    kalman = KalmanFilter(dim_x=1, dim_z=1)
+    kalman.F, kalman.H = np.eye(1), np.eye(1)
+    kalman.P, kalman.Q, kalman.R = np.array([[P0]]), np.array([[smoother.q]]), np.array([[smoother.r]])
+    out = np.empty(values.size)
+    before = math.inf
+    for k, value in enumerate(values):
+        kalman.predict()
+        kalman.update(np.array([[value]]))
+        out[k] = kalman.x[0, 0]
+        gain = float(kalman.K[0, 0])
+        if abs(gain - before) <= SETTLED * gain:
+            keep = 1.0 - gain
+            out[k + 1 :] = lfilter([gain], [1.0, -keep], values[k + 1 :], zi=[keep * out[k]])[0]
+            break
+        before = gain
+    return out
+
+
+@dataclass(frozen=True, slots=True)
+class RampAnswer:
+    """Response of a smoother to a rate ramp."""
+
+    time: FloatArray  # (n,) time [s], true rate and filtered rate [rad/s]
+    rate: FloatArray
+    smoothed: FloatArray
+    slope: float  # of the ramp [rad/s^2]
+    lag: float  # delay of the filter in the second half of the ramp, and its standard deviation [s]
+    lag_sd: float
+    worst: float  # largest error from the second half of the ramp on [rad/s]
+    measured: bool  # the rates are recorded, not computed without noise
+
+
+def computed_ramp(smoother: Smoother) -> RampAnswer:
+    """Compute the response to 0 to 10 r/min in 100 s and 100 s of constant rate, without noise."""
+    time = smoother.interval * np.arange(round(2.0 * RAMP_TIME / smoother.interval) + 1, dtype=np.float64)
+    rate = np.asarray(RAMP_RATE * np.minimum(time / RAMP_TIME, 1.0), dtype=np.float64)
+    keep = 1.0 - smoother.gain
+    settled = np.asarray(lfilter([smoother.gain], [1.0, -keep], rate))  # zero for a long time before
+    return _answer(np.asarray(time), rate, settled, slice(0, round(RAMP_TIME / smoother.interval) + 1), measured=False)
+
+
+def recorded_ramp(time: FloatArray, rate: FloatArray, smoothed: FloatArray) -> RampAnswer | None:
+    """Measure the lag in the longest steady ramp of a record; None without a ramp of 5 s.
+
+    `time` (n,): [s]. `rate`, `smoothed` (n,): true rate, and the smoothed one [rad/s].
+    """
+    over = max(1, round(1.0 / float(np.median(np.diff(time)))))  # about a second: steps of the table are irrelevant
+    change = (rate[over:] - rate[:-over]) / (time[over:] - time[:-over])
+    best = slice(0, 1)
+    for sign in (1.0, -1.0):
+        turning = sign * change > STILL * float(np.max(np.abs(change), initial=0.0))
+        if not turning.any():
+            continue
+        usual = float(np.median(change[turning]))
+        steady = np.concatenate([[0], np.abs(change - usual) < UNSTEADY * abs(usual), [0]])
+        edges = np.flatnonzero(np.diff(steady))
+        for begin, end in zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True):
+            if end + over - begin > best.stop - best.start:
+                best = slice(begin, end + over)
+    if time[best.stop - 1] - time[best.start] < SHORTEST_RAMP:
+        return None
+    return _answer(time, rate, smoothed, best, measured=True)
+
+
+def _answer(time: FloatArray, rate: FloatArray, smoothed: FloatArray, ramp: slice, *, measured: bool) -> RampAnswer:
+    slope = float((rate[ramp.stop - 1] - rate[ramp.start]) / (time[ramp.stop - 1] - time[ramp.start]))
+    half = slice((ramp.start + ramp.stop) // 2, ramp.stop)
+    late = (rate[half] - smoothed[half]) / slope
+    # errors of the filter are correlated: ten parts give the scatter of the mean
+    parts = np.array([part.mean() for part in np.array_split(late, 10)]) if late.size >= 20 else late
+    sd = float(np.std(parts, ddof=1) / math.sqrt(parts.size))
+    worst = float(np.max(np.abs(rate[half.start :] - smoothed[half.start :])))
+    return RampAnswer(time, rate, smoothed, slope, float(late.mean()), sd, worst, measured)
+
+
+@dataclass(frozen=True, slots=True)
+class PowerCoefficient:
+    """Coefficient of ``sigma^2(tau) = sum A_m tau^m`` and its noise parameter."""
+
+    power: float  # A_m [unit^2 s^-m]
+    value: float  # Q, N, B, K or R; zero if A_m is negative
+    low: float  # its 95 % interval, from the interval of A_m; zero if A_m may be negative
+    high: float
+
+
+@dataclass(frozen=True, slots=True)
+class Curve:
+    """Allan deviation of one signal at the times of the table."""
+
+    allan: AllanDeviation  # one column
+    low: FloatArray  # (k,) 95 % intervals [rad/s]
+    high: FloatArray
+    freedom: FloatArray  # (k,) equivalent degrees of freedom
+    coefficients: Mapping[str, PowerCoefficient]  # by Q, N, B, K, R; empty with fewer than five times
+
+    @property
+    def deviation(self) -> FloatArray:
+        """Allan deviation, (k,) [rad/s]."""
+        return self.allan.deviation[:, 0]
+
+
+@dataclass(frozen=True, slots=True)
+class GyroDrift:
+    """One gyro before and after."""
+
+    model: DriftModel
+    smoother: Smoother
+    rest: slice  # samples at rest before any rotation
+    measured_rate: FloatArray  # (n,) rate as it came, without the modelled drift, and of the filter [rad/s]
+    corrected_rate: FloatArray
+    smoothed_rate: FloatArray
+    measured: Curve  # of the drift as measured, after the model, and after smoothing, at rest
+    corrected: Curve
+    smoothed: Curve
+    computed: RampAnswer  # the filter on a ramp without noise
+    recorded: RampAnswer | None  # the same on the ramp of the record, if it has one
+
+    @property
+    def helped_until(self) -> float:
+        """Longest averaging time at which smoothing lowers the deviation, zero if none [s]."""
+        lower = np.flatnonzero(self.smoothed.deviation < SAME * self.corrected.deviation)
+        return float(self.corrected.allan.tau[lower[-1]]) if lower.size else 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class DriftStudy:
+    """All gyros of a record."""
+
+    record: DriftRecord
+    gyros: tuple[GyroDrift, ...]
+    errors: ImuErrors  # the drift, to correct other records
+    warnings: tuple[Finding, ...]
+    notes: tuple[Finding, ...]
+    file: BenchFile | None = None  # source file of the record
+
+
+def drift_study(record: DriftRecord) -> DriftStudy:
+    """Fit, correct and smooth every gyro of a record, and compare its noise before and after.
+
+    Raises: InputError: gaps, or fewer than 100 samples at rest at the beginning.
+    """
+    _refuse_gaps(record)
+    rest = slice(0, int(np.count_nonzero(record.at_rest())))
+    if rest.stop < FEWEST:
+        raise InputError("lab.no_rest_first", where=record.name, count=rest.stop, limit=FEWEST)
+    models = {axis: drift_model(record, axis) for axis in record.axes}
+    errors = drift_errors(models, f"drift of {record.name}")
+    corrected = corrected_rates(record, errors)
+    factors, notes = _factors(rest.stop, record.interval)
+    gyros = tuple(_one(record, rest, models[axis], corrected[axis], factors) for axis in record.axes)
+    return DriftStudy(record, gyros, errors, _warnings(gyros), notes)
+
+
+def _refuse_gaps(record: DriftRecord) -> None:
+    step = np.diff(record.time)
+    if not np.all(step > 0.0):
+        raise InputError("lab.times_not_increasing", where=record.name)
+    wide = np.flatnonzero(step > GAP * np.median(step))
+    if wide.size:
+        raise InputError("lab.gaps", where=record.name, after_s=record.time[wide[0]], count=wide.size, limit=GAP)
+
+
+def _factors(n: int, interval: float) -> tuple[IntArray, tuple[Finding, ...]]:
+    """Averaging times of the table that the part at rest holds, in samples."""
+    wanted = np.array(TAUS) / interval
+    held = (np.rint(wanted) >= 1) & (np.abs(wanted - np.rint(wanted)) < 0.02 * wanted) & (2 * np.rint(wanted) <= n)
+    if not held.any():
+        raise InputError("lab.rest_without_times", length_s=n * interval, interval_s=interval)
+    lost = tuple(tau for tau, good in zip(TAUS, held, strict=True) if not good)
+    notes = (Finding.of(Code.DRIFT_TIMES, tau_s=lost, length_s=n * interval, interval_s=interval),) * bool(lost)
+    return np.unique(np.rint(wanted[held]).astype(np.int64)), notes
+
+
+def _one(record: DriftRecord, rest: slice, model: DriftModel, rate: FloatArray, factors: IntArray) -> GyroDrift:
+    measured, interval = record.gyro[model.axis], record.interval
+    random = rate[rest] - rate[rest].mean()
+    smoother = choose_smoother(random, interval)
+    smoothed = smooth(rate, smoother)
+    white, walk = smoother.r * interval, smoother.q / interval
+    noise = np.array([0.0, white, 0.0, walk, 0.0])
+    # smoothed white noise is a Gauss-Markov process; a walk stays one
+    left = smoother.r * smoother.gain / (2.0 - smoother.gain)
+    smooth_noise = np.array([0.0, 0.0, 0.0, walk, left])
+    curves = (
+        _curve(measured[rest], interval, factors, noise, math.inf),
+        _curve(random, interval, factors, noise, math.inf),
+        _curve(smooth(random, smoother), interval, factors, smooth_noise, smoother.time_constant),
+    )
+    ramps = computed_ramp(smoother), recorded_ramp(record.time, record.true_rate(model.axis), smoothed)
+    return GyroDrift(model, smoother, rest, measured, rate, smoothed, *curves, *ramps)
+
+
+def _curve(values: FloatArray, interval: float, factors: IntArray, squares: FloatArray, time: float) -> Curve:
+    """Deviations with the intervals that noise of these squares (Q, N, B, K, Gauss-Markov) has."""
+    allan = allan_deviation(values[:, None], interval, factors)
+    expected = basis(allan.tau, time if math.isfinite(time) else 1.0)[:, :5] @ squares
+    own = covariance(factors, allan.n, interval, squares, time)
+    degrees = np.maximum(freedom(expected, np.diag(own)), FEWEST_FREEDOM)
+    low, high = chi_square_interval(allan.deviation[:, 0], degrees, 0.95)
+    return Curve(allan, low, high, degrees, power_fit(allan, own))
+
+
+def power_fit(allan: AllanDeviation, own: FloatArray) -> dict[str, PowerCoefficient]:
+    """Coefficients of ``sigma^2(tau) = sum A_m tau^m``, m = -2 .. 2, by generalised least squares.
+
+    `allan`: one column. `own` (k, k): covariance of its variances. Returns by Q, N, B, K, R (IEEE Std 952-1997, annex
+    C); empty with fewer than five times.
+    """
+    if allan.tau.size < len(POWERS):
+        return {}
+    unit = basis(allan.tau, 1.0)[:, [NAMES.index(name) for name in POWERS]]
+    seen = allan.deviation[:, 0] ** 2
+    inverse = Weights.of(own, np.zeros(seen.size)).inverse
+    white = inverse @ unit
+    scale = np.linalg.norm(white, axis=0)
+    pseudo = np.linalg.pinv(white / scale)
+    squares = (pseudo @ (inverse @ seen)) / scale
+    left = inverse @ (seen - unit @ squares)
+    spare = seen.size - len(POWERS)
+    # if no sum of powers fits the curve, the intervals include the misfit
+    misfit = max(1.0, math.sqrt(float(left @ left) / spare)) if spare else 1.0
+    sd = misfit * np.linalg.norm(pseudo, axis=1) / scale
+    # A_m: factor of tau^m, from tau = 1
+    factors = basis(np.ones(1), 1.0)[0, [NAMES.index(name) for name in POWERS]]
+    found = {}
+    for name, square, spread, factor in zip(POWERS, squares, sd, factors, strict=True):
+        low, value, high = (math.sqrt(max(0.0, square + shift * spread)) for shift in (-NORMAL, 0.0, NORMAL))
+        found[name] = PowerCoefficient(float(square * factor), value, low, high)
+    return found
+
+
+def _warnings(gyros: Sequence[GyroDrift]) -> tuple[Finding, ...]:
+    warnings: list[Finding] = []
+    for each in gyros:
+        warnings += each.model.left_out.values()
+        if each.smoother.bounded:
+            time = each.smoother.time_constant
+            warnings.append(Finding.of(Code.DRIFT_NO_WALK, subject=f"gyro {each.model.axis}", time_constant_s=time))
+    return tuple(warnings)

@@ -1,1 +1,0 @@
-"""Drift of MEMS gyros: model, smoothing, and noise before and after."""

@@ -1,1 +1,0 @@
-"""Three dual-axis modules in nine positions of a table."""
