@@ -30,4 +30,4 @@ def align(data: Data, out: Out = Path("alignment"), force: Force = False, as_jso
     else:
         from insnav.report.terminal import entry
 
-        result(f"{brief_text(outcome)}\n{entry('files', f'{out}: report.html, run.json')}")
+        result(f"{brief_text(outcome)}\n{entry('files', '')}{out}: report.html, run.json")

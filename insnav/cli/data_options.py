@@ -104,7 +104,7 @@ def check_usable(outcome: Result[Any]) -> None:
             raise CheckError("cli.unusable", cause=lost)
     verdict = outcome.page().verdict
     if verdict is not None and verdict.light == "bad":
-        raise CheckError("cli.not_relied_on", reason=verdict.reason)
+        raise CheckError("cli.not_relied_on", reason=_messages.translated(verdict.reason))
 
 
 def takes_data(

@@ -24,6 +24,7 @@ def export(
     force: Force = False,
 ) -> None:
     """Write a run in another format."""
+    from insnav.report.terminal import entry
     from insnav.session.export import export as export_run
 
     path = out or Path(_OWN_NAMES.get(to, f"track.{to}"))
@@ -32,4 +33,4 @@ def export(
     content = export_run(run, to, solution="filtered" if filtered else None, week=week)
     with writing("output.file_unwritable", path):
         path.write_bytes(content)
-    result(f"files       {path}")
+    result(f"{entry('files', '')}{path}")

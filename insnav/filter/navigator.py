@@ -2,13 +2,14 @@
 
 Between filter epochs the compiled kernel propagates the state and accumulates transition and noise. The filter gets
 them at each fix, and once a second without fixes. A fix between two samples splits the interval at its time.
-Post-processing feeds a recording in blocks. A live system could feed samples as they arrive, and would lag by `MARGIN`
-samples.
+Post-processing feeds a recording in blocks. `insnav.session.online` feeds samples as they arrive, and lags by `MARGIN`
+samples and `SEEN`.
 """
 
 from __future__ import annotations
 
 from collections.abc import Container, Sequence
+from typing import Any
 
 import numpy as np
 
@@ -47,7 +48,7 @@ class Navigator:
 
     `start`: initial state; samples and fixes before its time are skipped. `nominal`: sampling interval [s]. `marks`:
     rows of `gps` after which `kept` stores the whole state, to continue from. `parts`: restarts after long gaps of the
-    samples.
+    samples. `record`: collects the results; by default all of them.
 
     Examples
     --------
@@ -65,21 +66,17 @@ class Navigator:
         settings: FilterSettings | None = None,
         marks: Container[int] = (),
         parts: Sequence[Part] = (),
+        record: Record | None = None,
     ) -> None:
         settings = settings or FilterSettings()
         if isinstance(start, InitialState):
             start = first_state(start, settings)
-        later = gps.time - settings.delay > start.time + strapdown.TIME_TOLERANCE
-        self._gps = gps
-        self._fix = np.flatnonzero(later)
-        self._fix_time = gps.time[later] - settings.delay
-        own = np.full(gps.time.shape[0], True) if gps.fix is None else gps.fix != gate.OF_REFERENCE
-        # age of the velocities [s]; a smaller lag is linear enough
-        self._late = own[later] * (settings.velocity_lag if abs(settings.velocity_lag) > LAG_WORTH else 0.0)
         self._settings, self._model, self._nominal, self._alignment = settings, model, nominal, alignment
+        self._start, self._done, self._first = start.time, -np.inf, start.time
+        self.take_fixes(gps)
         self._marks, self.kept = marks, dict[int, FilterState]()
         self._coast = COAST if settings.aiding is None else settings.aided_every
-        self._record = Record(self._fix.shape[0])
+        self._record = record or Record(self._fix.shape[0])
         self._estimate = Estimate(start, model, settings, self._record.event, self._coast, alignment)
         self._record.epoch(start.time, self._estimate)
         self._aiding = AidingUpdates(self._estimate, settings, self._record, gps, start.time)
@@ -88,8 +85,6 @@ class Navigator:
         self._r, self._s = np.zeros((6, 6)), np.zeros((6, 6))
         every = settings.output_interval
         self._grid = np.array([start.time if every > 0 else np.inf, every, start.time])
-        self._start, self._done = start.time, -np.inf
-        self._next = 0  # first unprocessed fix
         none = np.empty((0, 3))
         self._sensed, self._motion = (none, none, none, none), np.zeros(25)  # see `felt`
         noise = float(model.noise[:3].sum()) / nominal
@@ -107,6 +102,18 @@ class Navigator:
         self._rejections: list[float] = []  # times of an unbroken run of rejected positions
         self._tail: ImuData | None = None
         self._parts = [part for part in parts if part.initial.time > start.time]
+
+    def take_fixes(self, gps: GpsData) -> None:
+        """Replace all fixes; processed ones have no further effect."""
+        settings = self._settings
+        later = gps.time - settings.delay > self._first + strapdown.TIME_TOLERANCE
+        self._gps, self._fix, self._fix_time = gps, np.flatnonzero(later), gps.time[later] - settings.delay
+        own = np.full(gps.time.shape[0], True) if gps.fix is None else gps.fix != gate.OF_REFERENCE
+        # age of the velocities [s]; a smaller lag is linear enough
+        self._late = own[later] * (settings.velocity_lag if abs(settings.velocity_lag) > LAG_WORTH else 0.0)
+        # first unprocessed fix
+        done = max(self._done, self._start) + strapdown.TIME_TOLERANCE
+        self._next = int(np.searchsorted(self._fix_time, done, side="right"))
 
     def feed(self, imu: ImuData) -> None:
         """Process the next block of samples; samples without later neighbours wait for the next call.
@@ -129,7 +136,7 @@ class Navigator:
         self._close()
         span = start.time - max(self._done, self._start)
         self._tail, self._start, self._done = None, start.time, -np.inf
-        self._next = int(np.searchsorted(self._fix_time, start.time + strapdown.TIME_TOLERANCE, side="right"))
+        self.take_fixes(self._gps)
         self._last_good = start.time
         self._rejections.clear()
         if self._grid[1] > 0.0:
@@ -143,6 +150,32 @@ class Navigator:
         if self._estimate.span[0] > 0.0:
             self._estimate.predict(self._done)
             self._record.epoch(self._done, self._estimate)
+
+    @property
+    def done(self) -> float:
+        """Time of the state [s]: the newest samples wait for their neighbours."""
+        return max(self._done, self._start)
+
+    @property
+    def estimate(self) -> Estimate:
+        """State and covariance at that time."""
+        return self._estimate
+
+    def saved(self) -> tuple[Any, ...]:
+        """Copy everything that processing changes, without aiding and results, for `go_back`."""
+        plain = self._done, self._last_good, self._tail, tuple(self._rejections)
+        return *plain, self._estimate.saved()
+
+    def go_back(self, saved: tuple[Any, ...], gps: GpsData) -> None:
+        """Go back to an earlier state, with other fixes; the samples since must follow again."""
+        self._done, self._last_good, self._tail, rejections, estimate = saved
+        self._rejections = list(rejections)
+        self._estimate.go_back(estimate)
+        self.take_fixes(gps)
+
+    def restart_at(self, part: Part) -> None:
+        """Continue with a new alignment after a gap of the samples that follow."""
+        self._parts.append(part)
 
     @property
     def delay(self) -> tuple[float, float]:
@@ -207,24 +240,32 @@ class Navigator:
             cuts = np.concatenate([[self._start], self._fix_time[self._next :]])
             pieces = strapdown.split(parts, cuts, first, stop)
             inc = strapdown.increments(parts, pieces)
-            last_fix = int(np.searchsorted(self._fix_time, parts.end[-1] + strapdown.TIME_TOLERANCE, side="right"))
+            last_fix = int(
+                np.searchsorted(self._fix_time, parts.end[stop - 1] + strapdown.TIME_TOLERANCE, side="right")
+            )
             times = self._fix_time[self._next : last_fix]
-            late, half, number = self._late[self._next : last_fix], 0.5 * self._nominal, int(SEEN / self._nominal)
-            angles, several, slow = turned(parts), [times], SEEN
-            swings = older = self._sensed[3]
-            if late.any():
-                several = [times - each * late for each in self._settings.moments]
-                slow = SEEN if len(several) == 1 else max(SEEN, np.abs(late).max())
-                reach = max(half, np.abs(late).max() * (len(several) - 1) / len(several) ** 2)
-                swings = np.mean([rates_at(each - half, parts.end, angles, reach) for each in several], axis=0)
-                older = np.mean([since(times, times - each, parts) for each in several], axis=0)
-            # an acceleration of another shape than the velocity would bias the delay towards zero
-            forces = np.mean([forces_about(each, parts, max(1, number)) for each in several], axis=0)
-            rates = np.mean([rates_at(each, parts.end, angles, slow) for each in several], axis=0)
-            self._sensed = rates, forces, swings, older
+            if times.size:
+                self._sense(times, self._late[self._next : last_fix], parts)
             self._process(inc, parts.gap[pieces[0]])
             self._done = parts.end[stop - 1]
         self._tail = buffer.rows(slice(max(0, ready - 2 * self._margin), None))
+
+    def _sense(self, times: FloatArray, late: FloatArray, parts: strapdown.Intervals) -> None:
+        """Compute rates and specific forces about each of the next fixes (k,) [s], for `felt`."""
+        half, number = 0.5 * self._nominal, int(SEEN / self._nominal)
+        angles, several, slow = turned(parts), [times], SEEN
+        swings = older = self._sensed[3]
+        if late.any():
+            several = [times - each * late for each in self._settings.moments]
+            slow = SEEN if len(several) == 1 else max(SEEN, np.abs(late).max())
+            reach = max(half, np.abs(late).max() * (len(several) - 1) / len(several) ** 2)
+            swings = np.mean([rates_at(each - half, parts.end, angles, reach) for each in several], axis=0)
+            older = np.mean([since(times, times - each, parts) for each in several], axis=0)
+        # an acceleration of another shape than the velocity would bias the delay towards zero
+        forces = [forces_about(each, parts, max(1, number)) for each in several]
+        rates = [rates_at(each, parts.end, angles, slow) for each in several]
+        mean = [each[0] if len(each) == 1 else np.mean(each, axis=0) for each in (rates, forces)]
+        self._sensed = mean[0], mean[1], swings, older
 
     def _process(self, inc: Increments, gap: FloatArray) -> None:
         begin = int(np.searchsorted(inc.time, self._start + strapdown.TIME_TOLERANCE))

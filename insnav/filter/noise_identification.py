@@ -103,10 +103,10 @@ def _with_gates(ready: Prepared, spec: ImuSpec, gates: Gates) -> InnovationLikel
     return drive
 
 
-def with_noise(ready: Prepared, found: NoiseEstimate) -> Prepared:
+def with_noise(ready: Prepared, noise: NoiseEstimate) -> Prepared:
     """Apply the estimated noise to a prepared recording."""
-    notes = (*_without_correlated(ready.notes), *_report(found))
-    return _with_axes(replace(ready.apply_noise(found), notes=notes), found.axes)
+    notes = (*_without_correlated(ready.notes), *_report(noise))
+    return _with_axes(replace(ready.apply_noise(noise), notes=notes), noise.axes)
 
 
 def with_careful_biases(ready: Prepared, assumed: ImuSpec) -> Prepared:

@@ -60,6 +60,11 @@ def checked(inputs: Inputs) -> Inputs:
     return {**inputs, "initial": read_start(Path(initial)) if isinstance(initial, str | Path) else initial}
 
 
+def as_given(inputs: Inputs) -> bool:
+    """Return whether nothing is estimated from the whole record: the filter then uses only earlier data."""
+    return Inputs(noise="model", explain="off").items() <= inputs.items()
+
+
 def one_of(name: str, value: object, known: Sequence[object]) -> None:
     """Refuse a word or number that is not known."""
     if value not in known:
@@ -240,5 +245,6 @@ def set_up_filter(
         start=replace(initial, time=moved(initial.time)) if isinstance(initial, Start) else None,
         static_span=None if span is None else (moved(span[0]), moved(span[1])),
         heading=heading,
+        as_given=as_given(inputs),
     )
     return replace(ready, clock=clock + 0.5 * rate * (end - begin), rate=rate)

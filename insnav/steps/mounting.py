@@ -22,7 +22,7 @@ from insnav.input.interpret.physics import check_axes, heading_convention, quiet
 from insnav.kernels.smoother import STATE
 from insnav.steps import Estimate, Model, Recording, Source
 from insnav.steps.axes_by_fixes import WORDS, accel_reversed, mounting_of, refusal
-from insnav.steps.given import set_up_filter
+from insnav.steps.given import as_given, set_up_filter
 from insnav.steps.inputs import Inputs
 from insnav.types import FloatArray, GpsData, ImuData
 from insnav.units import DEG
@@ -47,6 +47,9 @@ def mounting(recording: Recording, model: Model) -> tuple[Recording, Model, tupl
     does not move.
     """
     inputs, fixes = recording.inputs, recording.fixes
+    if as_given(inputs):
+        assumed = (X_FORWARD,) * (inputs.get("axes") is None)
+        return recording, replace(model, mounting_yaw=Estimate(0.0, 0.0, "prior" if assumed else "given")), assumed
     imu, yaw, findings = turn_to_vehicle(recording.imu, recording.fixes_by_scatter or fixes, inputs)
     recording, unknown = replace(recording, imu=imu), findings[-1:] == (X_FORWARD,)
     if unknown and fixes is not None and inputs.get("heading") is None and inputs.get("initial") is None:

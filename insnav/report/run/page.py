@@ -238,7 +238,7 @@ def brief_lines(page: Page, found: EvaluatedRun, width: int | None = None) -> li
     warnings = _listed("warning", page.warnings, _WARNINGS)
     estimates = form("parts").join(_estimates(found))
     corrections = tuple(sentence(each, at=page.at) for each in of_code(page.findings, *CORRECTIONS))
-    # the errors may be those of a reference that findings contradict
+    # findings contradict the reference, which may cause the errors
     wrong = any(event.subject == "ref" and event.severity >= Severity.WARNING for event in found.run.events)
     doubtful = page.verdict is not None and page.verdict.light == "bad" and not wrong
     name = phrase("run.doubtful_estimates" if doubtful else "run.estimates")
