@@ -147,7 +147,10 @@ def _samples_lost(run: Run) -> Iterator[Finding]:
 
 
 def _many_rejected(run: Run) -> Iterator[Finding]:
-    """Report a large number of rejected fixes without a known cause: the fixes are hardly to blame."""
+    """Report a large number of rejected headings, and of rejected fixes without a known cause."""
+    for use in run.aiding:
+        if use.name == "heading" and use.rejected > _MANY * use.processed:
+            yield Finding.of(Code.RUN_HEADINGS_REJECTED, subject="gps", count=use.rejected, total=use.processed)
     fixes = run.innovations
     named = {event.code for event in run.events}
     shares: dict[str, Any] = {}

@@ -56,24 +56,26 @@ def mounting(recording: Recording, model: Model) -> tuple[Recording, Model, tupl
         imu, yaw, found = in_likely_axes(recording, model)
         findings = (*findings[:-1], found) if imu is recording.imu else (found,)
         recording, unknown = replace(recording, imu=imu), found is X_FORWARD
-    recording, turned = with_headings_turned(recording)
-    findings = (*findings, *turned)
     source: Source = "prior" if unknown else "data" if findings else "given"
-    return recording, replace(model, mounting_yaw=Estimate(yaw, 0.0, source)), findings
+    recording, headings = with_headings_turned(recording)
+    return recording, replace(model, mounting_yaw=Estimate(yaw, 0.0, source)), (*findings, *headings)
 
 
 def with_headings_turned(recording: Recording) -> tuple[Recording, tuple[Finding, ...]]:
     """Return receiver headings clockwise from north along the vehicle, and their original convention."""
     fixes, data = recording.fixes, recording.imu.data.beginning(LONGEST)
-    if fixes is None or fixes.heading is None or not recording.inputs.get("gps_heading_sd"):
+    if fixes is None or fixes.heading is None:
         return recording, ()
+    count = int(np.isfinite(fixes.heading).sum())
+    if not recording.inputs.get("gps_heading_sd"):
+        return recording, (Finding.of(Code.GPS_HEADING_UNUSED, subject="gps", count=count),)
     turns = turns_with_course(data.time, data.gyro, data.accel, fixes.time, fixes.heading)
     sense, offset = heading_convention(turns, fixes.heading, fixes.v_n)
     if sense > 0.0 and offset == 0.0:
         return recording, ()
     heading = (sense * fixes.heading - offset) % (2.0 * np.pi)
     code = Code.GPS_HEADING_COUNTER_CLOCKWISE if sense < 0.0 else Code.GPS_HEADING_OFFSET
-    found = Finding.of(code, subject="gps", offset_rad=offset, count=np.isfinite(heading).sum())
+    found = Finding.of(code, subject="gps", offset_rad=offset, count=count)
     return replace(recording, fixes=replace(fixes, heading=heading)), (found,)
 
 
