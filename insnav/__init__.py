@@ -60,6 +60,7 @@ if TYPE_CHECKING:
     from insnav.session.comparison import compare
     from insnav.session.drive import Drive, align, load
     from insnav.session.imus import imus
+    from insnav.session.online import OnlineFilter, OnlineState
     from insnav.session.platform_run import platform
     from insnav.session.requirement import require
     from insnav.session.simulation import simulate
@@ -83,6 +84,7 @@ _NAMES = {
     "insnav.session.comparison": "compare",
     "insnav.session.drive": "Drive align load",
     "insnav.session.imus": "imus",
+    "insnav.session.online": "OnlineFilter OnlineState",
     "insnav.session.platform_run": "platform",
     "insnav.session.requirement": "require",
     "insnav.strapdown": "increments intervals navigate",
@@ -97,6 +99,8 @@ __all__ = [
     "ImuData",
     "Increments",
     "InsnavError",
+    "OnlineFilter",
+    "OnlineState",
     "Result",
     "Run",
     "Trajectory",

@@ -79,9 +79,9 @@ def each(
         for job in jobs:
             yield attempt(function, *shared, job)
         return
-    from joblib.externals.loky.process_executor import TerminatedWorkerError
+    from concurrent.futures.process import BrokenProcessPool
 
-    died: tuple[type[BaseException], ...] = (TerminatedWorkerError,)
+    died: tuple[type[BaseException], ...] = (BrokenProcessPool,)
     if engine.dask is not None:
         from distributed.scheduler import KilledWorker
 
@@ -265,9 +265,13 @@ def _version() -> str:
 
 def _dask_backend(client: Any, shared: tuple[Any, ...]) -> Any:
     """Build joblib's backend for a client, with shared data as results that the cluster can recompute."""
-    from joblib._dask import DaskDistributedBackend  # documented as ``backend="dask"``
+    from joblib import parallel_config
+    from joblib.parallel import get_active_backend
 
-    class Backend(DaskDistributedBackend):  # type: ignore[misc]
+    with parallel_config(backend="dask", client=client):
+        base: Any = type(get_active_backend()[0])
+
+    class Backend(base):  # type: ignore[misc]
         """Backend that reports dead workers, for which joblib would wait forever, and never works in this process."""
 
         def effective_n_jobs(self, n_jobs: int) -> int:

@@ -55,6 +55,13 @@ class InsnavError(Exception):
         self.gives = dict(gives or {})
         self.values = values
 
+    def withdraw_columns(self) -> None:
+        """Remove suggested columns, which proved to be wrong, from the advice."""
+        names = tuple(self.gives.pop("columns"))
+        self.values |= dict.fromkeys({"meant", "guess"} & self.values.keys(), "")
+        numbers = ",".join(f"{name}=NUMBER" for name in names)
+        self.values |= {"example": names[0]} if "example" in self.values else {"numbers": numbers}
+
     @property
     def what(self) -> str:
         """Fact of the error, understandable without the rest."""

@@ -87,9 +87,9 @@ def navigate_platform(
     [m/s^2]. By default normal gravity, which has a north component above the ellipsoid (7 m in ten minutes at a height
     of 5 km). `every`: decimation of the returned samples, from the first on.
 
-    Raises: ConfigError: the start is within 6 km of a pole, a missing or unnecessary damping height, a vertical
-    velocity without a vertical channel, or a tilt beyond 10 deg. InputError: too few samples, times that do not
-    increase, or NaN values. DivergenceError: the solution left the Earth, came within 6 km of a pole, or the free
+    Raises: ConfigError: the start is within 6 km of a pole, or the tilt beyond 10 deg. The damping height is missing or
+    unnecessary, or there is a vertical velocity without a vertical channel. InputError: too few samples, times that do
+    not increase, or NaN values. DivergenceError: the solution left the Earth, came within 6 km of a pole, or the free
     vertical channel diverged.
 
     Notes

@@ -48,7 +48,12 @@ def moment(start: float, stop: float | None = None, until: str = "to") -> str:
 
 def wrapped(text: str, width: int, **how: Any) -> list[str]:
     """Wrap a text to a terminal width, where a Chinese character takes two columns; see `textwrap`."""
-    doubled = "".join(c + "\0" * (unicodedata.east_asian_width(c) in ("W", "F")) for c in text)
-    if doubled != text:  # a row may end between any two of them
+    padded = in_columns(text)
+    if padded != text:  # a row may end between any two of them
         how, width = how | {"break_long_words": True}, width - 1
-    return [row.replace("\0", "") for row in textwrap.wrap(doubled, width, **how)]
+    return [row.replace("\0", "") for row in textwrap.wrap(padded, width, **how)]
+
+
+def in_columns(text: str) -> str:
+    """Append a null character to each character that takes two columns of a terminal, so that the length is right."""
+    return "".join(c + "\0" * (unicodedata.east_asian_width(c) in ("W", "F")) for c in text)

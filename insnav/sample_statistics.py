@@ -136,8 +136,8 @@ def mean_square_interval(
     Simulations had 4 to 60 windows without and with overlap, and errors normal, of two sizes, or Student's t with 5
     degrees of freedom. The two cover 85 to 98 and 77 to 98 % alone, 90 to 99 % together. Here n windows with a common
     error share c count as 1 / (c + (1 - c) / n), as in cluster sampling (Kish, "Survey Sampling", 1965). The coverage
-    for other drives is then 94 to 99 % with c of a quarter, 85 to 97 % with a half, 80 to 94 % with three quarters
-    (without: 74 to 98, 37 to 93, 21 to 79 %). It is below 95 %, since a drive with a small common error does not reveal
+    for other drives is then 94 to 99, 85 to 97 and 80 to 94 % for c of 1/4, 1/2 and 3/4. Without this count it is
+    74 to 98, 37 to 93 and 21 to 79 %. It is below 95 %, since a drive with a small common error does not reveal
     that drives have one.
     """
     low, high = interval(start, length, lambda weights: means(square, weights))

@@ -154,7 +154,10 @@ def joined(parts: Sequence[NDArray[Any]]) -> NDArray[Any]:
     """Concatenate arrays."""
     if len(parts) == 1:
         return parts[0]
-    out, at = empty((sum(map(len, parts)), *parts[0].shape[1:]), parts[0].dtype), 0
+    rows = sum(map(len, parts))
+    if rows <= ROWS:
+        return np.concatenate(parts)
+    out, at = empty((rows, *parts[0].shape[1:]), parts[0].dtype), 0
     for part in parts:
         out[at : at + len(part)] = part
         at += len(part)

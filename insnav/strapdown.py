@@ -289,8 +289,8 @@ def navigate(
     inc : Increments
         From `increments`.
     lla, v_n, rph : (3,) array
-        Latitude, longitude [rad], height [m]; velocity North, East, Down [m/s]; roll, pitch, heading [rad] at the
-        start of the first interval.
+        State at the start of the first interval. `lla`: latitude, longitude [rad], height [m]. `v_n`: velocity North,
+        East, Down [m/s]. `rph`: roll, pitch, heading [rad].
     vertical : tuple of (n,) arrays, optional
         Height [m] and down velocity [m/s] at the end of every interval. Without it the vertical channel is free, and
         its error grows as ``cosh(sqrt(2 g / R) t)``: by e every 570 s.
@@ -340,8 +340,8 @@ def navigate_short(
 ) -> Trajectory:
     """Navigate by ``v(t + T) = v(t) + T (f_n + g)``: Euler's rule without Earth and transport rate.
 
-    `inc`: its sculling is not used. `lla`, `v_n`, `rph` (3,): latitude, longitude [rad], height [m]; velocity North,
-    East, Down [m/s]; roll, pitch, heading [rad] at the start of the first interval. `turning`: the attitude follows the
+    `inc`: its sculling is not used. `lla`, `v_n`, `rph` (3,): state at the start of the first interval, as in
+    `navigate`. `turning`: the attitude follows the
     rotation of North, East, Down. Otherwise it remains in the initial axes, which tilt at the Earth's rate: by far the
     larger error. `every`: return every n-th state.
     Returns: states at the ends of intervals ``every``, ``2 every``, …

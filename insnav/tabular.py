@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import MISSING, dataclass, fields, replace
+from dataclasses import MISSING, dataclass, fields
 from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 import numpy as np
@@ -35,23 +35,28 @@ class Tabular:
 
     def rows(self, selection: Selection) -> Self:
         """Select rows of every present array; other fields are unchanged. Views for a slice, else copies."""
-        if not isinstance(selection, slice):
-            return replace(self, **{name: chosen(values, selection) for name, values in self._arrays().items()})
-        return replace(self, **{name: values[selection] for name, values in self._arrays().items()})
+        if isinstance(selection, slice):
+            return self._like({name: values[selection] for name, values in self._arrays().items()})
+        return self._like({name: chosen(values, selection) for name, values in self._arrays().items()})
 
     def joined(self, after: Self) -> Self:
         """Append the rows of another object, for every array that both have; other fields are unchanged.
 
         Arrays are copies, and None if only one object has them.
         """
-        others = after._arrays()
-        return replace(
-            self,
-            **{
-                name: np.concatenate([values, others[name]]) if name in others else None
+        return self._like(
+            {
+                name: None if (other := getattr(after, name)) is None else np.concatenate([values, other])
                 for name, values in self._arrays().items()
-            },
+            }
         )
+
+    def _like(self, arrays: Mapping[str, NDArray[Any] | None]) -> Self:
+        """Copy with other arrays: `replace` takes three times as long, and this serves every block of samples."""
+        new = object.__new__(type(self))
+        for name in self._names:
+            object.__setattr__(new, name, arrays[name] if name in arrays else getattr(self, name))
+        return new
 
     def to_frame(self) -> pd.DataFrame:
         """Convert to a table with canonical columns, unit in the name; covariances become standard deviations.
@@ -81,9 +86,14 @@ class Tabular:
                 columns[name] = column if factor == 1.0 else column / factor
         return columns
 
+    @property
+    def _names(self) -> tuple[str, ...]:
+        """Names of the fields: faster than `dataclasses.fields`."""
+        return self.__slots__
+
     def _arrays(self) -> dict[str, NDArray[Any]]:
-        values = {field.name: getattr(self, field.name) for field in fields(self)}
-        return {name: value for name, value in values.items() if isinstance(value, np.ndarray)}
+        values = ((name, getattr(self, name)) for name in self._names)
+        return {name: value for name, value in values if isinstance(value, np.ndarray)}
 
 
 @dataclass(frozen=True, slots=True)

@@ -373,6 +373,8 @@ class Run:
         The smoothed solution, if any.
     aiding : tuple of AidingUse
         Aiding measurements besides fixes.
+    poses : Trajectory or None
+        The better solution at the epochs asked for, of the point asked for.
     lever_sd_alone : (3,) array
         `lever_sd` of the filter alone, without the disagreement of parts of the drive on the delay and thus the arm
         [m].
@@ -390,4 +392,5 @@ class Run:
     lever_sd: FloatArray = field(default_factory=lambda: np.zeros(3))
     smoothed: Smoothed | None = None
     aiding: tuple[AidingUse, ...] = ()
+    poses: Trajectory | None = None
     lever_sd_alone: FloatArray = field(default_factory=lambda: np.zeros(3))

@@ -1,3 +1,3 @@
 """Release of insnav, in a separate module to avoid importing the whole package."""
 
-__version__ = "0.2.0"
+__version__ = "0.4.0.dev0"

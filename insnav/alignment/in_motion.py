@@ -318,8 +318,8 @@ def level_in_motion(
     gravity (compare Wu and Pan, "Velocity/position integration formula part I: application to in-flight coarse
     alignment", IEEE Trans. AES 49 (2013) 1006-1023, eq. 12).
 
-    Returns: `rph` (3,): roll, pitch, heading [rad]. `tilt_sd`: standard deviation of the level by velocity noise and by
-    the difference to the first half of the span [rad], without sensor and heading errors. `acceleration`: mean
+    Returns: `rph` (3,): roll, pitch, heading [rad]. `tilt_sd`: standard deviation of the level [rad] from velocity
+    noise and the difference to the first half of the span. It omits sensor and heading errors. `acceleration`: mean
     acceleration in the span, which a heading error converts to a level error [m/s^2].
     """
     whole = _level(parts, start, end, speed, lla, yaw)

@@ -20,10 +20,12 @@ from insnav.cli.console import discard_output, error_block, result
 from insnav.cli.help import GroupedCommand, LightGroup, help_of
 from insnav.cli.parse import usage_error
 from insnav.exceptions import ConfigError, InputError, InsnavError
+from insnav.messages import translated
+from insnav.plain_text import in_columns
 
 # each is the function of its name, in help order; in a file of its name unless in one of `SHARED`
 COMMANDS = (
-    *("run", "batch", "check", "demo", "align", "compare", "report", "export", "outage", "budget", "require"),
+    *("run", "live", "batch", "check", "demo", "align", "compare", "report", "export", "outage", "budget", "require"),
     *("simulate", "imus", "allan", "tune", "acceptance", "drift", "platform", "verify", "regress"),
 )
 SHARED = {
@@ -39,7 +41,7 @@ def commands(*names: str) -> Any:
     app = typer.Typer(
         name="insnav",
         cls=LightGroup,
-        help="Strapdown INS / GPS navigation and INS error analysis.",
+        help=in_columns(translated("Strapdown INS / GPS navigation and INS error analysis.")),
         no_args_is_help=True,
         epilog=help_of("insnav")["help"],
         rich_markup_mode=None,

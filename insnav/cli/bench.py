@@ -15,7 +15,7 @@ from insnav.cli import options as common
 from insnav.cli import parse
 from insnav.cli.console import brief_text, note, note_warnings, result, result_page, working, write_result
 from insnav.cli.data_options import READING, Data, say_reading, takes_data
-from insnav.cli.help import GroupedCommand, help_of
+from insnav.cli.help import GroupedCommand, LightGroup, help_of
 from insnav.cli.options import IMU, METHOD, RESULT, START, Columns, Force, Json, Out, argument, flag, option
 from insnav.exceptions import ConfigError
 from insnav.steps.inputs import Inputs
@@ -109,7 +109,12 @@ _KINDS: tuple[tuple[str, Any, Any], ...] = (
 _SHARED = {name: inspect.Parameter(name, _KEYWORD, default=value, annotation=kind) for name, kind, value in _KINDS}
 
 app = typer.Typer(
-    name="calibrate", no_args_is_help=True, add_completion=False, rich_markup_mode=None, pretty_exceptions_enable=False
+    cls=LightGroup,
+    name="calibrate",
+    no_args_is_help=True,
+    add_completion=False,
+    rich_markup_mode=None,
+    pretty_exceptions_enable=False,
 )
 
 

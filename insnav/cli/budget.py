@@ -62,6 +62,15 @@ def budget(
             "of the reference. [0.1,0.005]",
         ),
     ] = None,
+    total: Annotated[
+        Literal["rss", "worst"],
+        option(
+            RESULT,
+            "HOW",
+            "Sum of the sources along each axis: rss, or worst: sizes added as in textbooks, all with the worst sign.",
+            "--sum",
+        ),
+    ] = "rss",
     runs: Annotated[int, option(RESULT, "N", "Simulate so many runs, and so many of each source.", min=0)] = 0,
     seed: Seed = 1,
     out: Out = Path("budget"),

@@ -89,12 +89,12 @@ def result_page(folder: Path, page: Page, out: Path, *, as_json: bool, more: Ite
     if as_json:
         result_facts(folder)
         return
-    from insnav.report.terminal import page_text
+    from insnav.report.terminal import entry, page_text
 
     wanted = (*more, "report.html", "figures", "run.json")
     names = ", ".join(name for name in wanted if (folder / name).exists())
     shown: tuple[Show, ...] = ("all", "page") if level > 0 else ("all",)
-    result(coloured(f"{page_text(page, terminal_width(), shown)}\n\nfiles       {out}: {names}"))
+    result(coloured(f"{page_text(page, terminal_width(), shown)}\n\n{entry('files', '')}{out}: {names}"))
 
 
 def write_result(outcome: Result[Any], folder: RunFolder, stage: Stages, **how: Any) -> Path:
@@ -109,11 +109,11 @@ def write_result(outcome: Result[Any], folder: RunFolder, stage: Stages, **how: 
     return save_result(outcome, folder, **how)
 
 
-def brief_text(found: Result[Any]) -> str:
+def brief_text(outcome: Result[Any]) -> str:
     """Summarise a result in lines of the terminal width, without wrapping elsewhere."""
     from insnav.report.save import text_of
 
-    return text_of(found, terminal_width())
+    return text_of(outcome, terminal_width())
 
 
 def terminal_width() -> int | None:
@@ -162,16 +162,18 @@ def error_block(error: InsnavError) -> None:
 
 def note(text: str) -> None:
     """Print one entry of the log."""
+    from insnav.messages import translated
+
     if level >= 0:
-        _log(text, "insnav: ")
+        _log(translated(text), "insnav: ")
 
 
-def note_warnings(found: Result[Any]) -> None:
+def note_warnings(outcome: Result[Any]) -> None:
     """Print the warnings of a result in the log."""
     from insnav.findings import Severity
     from insnav.messages import sentence
 
-    for each in found.findings:
+    for each in outcome.findings:
         if each.severity >= Severity.WARNING:
             note(sentence(each))
 
@@ -179,7 +181,7 @@ def note_warnings(found: Result[Any]) -> None:
 def detail(text: str, *more: str) -> None:
     """Print one log entry with details, in verbose mode."""
     if level > 0:
-        _log(text, "insnav: ")
+        note(text)
         for each in more:
             _log(each, "        ")
 

@@ -104,7 +104,7 @@ def check_usable(outcome: Result[Any]) -> None:
             raise CheckError("cli.unusable", cause=lost)
     verdict = outcome.page().verdict
     if verdict is not None and verdict.light == "bad":
-        raise CheckError("cli.not_relied_on", reason=verdict.reason)
+        raise CheckError("cli.not_relied_on", reason=_messages.translated(verdict.reason))
 
 
 def takes_data(
@@ -143,8 +143,8 @@ def takes_data(
             } or None
             if (second := options.pop("gps_file", None)) is not None:
                 options["imu_file"], options["gps"] = _told_apart(options["imu_file"], second, options["gps"])
-            paths = (options.get(name) for name in ("imu_file", "gps", "ref"))
-            data = Data(*paths, cast(Inputs, inputs), parse.configuration(options))
+            imu, gps, ref = (options.get(name) for name in ("imu_file", "gps", "ref"))
+            data = Data(imu, gps, ref, cast(Inputs, inputs), parse.configuration(options))
             try:
                 function(data, **{each.name: options[each.name] for each in own})
             except OutputError:

@@ -41,7 +41,7 @@ def align(data: Data, out: Out = Path("alignment"), force: Force = False, as_jso
     else:
         from insnav.report.terminal import entry
 
-        console.result(f"{console.brief_text(outcome)}\n{entry('files', f'{out}: report.html, run.json')}")
+        console.result(f"{console.brief_text(outcome)}\n{entry('files', '')}{out}: report.html, run.json")
 
 
 @takes_data(None, only=(*READING, "time_offset", "topic", "lever_arm", "gps_height", "gps_columns"))

@@ -9,9 +9,14 @@ from typing import Any, get_args
 
 from typer.core import TyperCommand, TyperGroup
 
+from insnav.findings import catalogue
+from insnav.messages import language, translated
+from insnav.plain_text import in_columns
+
 _TYPE = re.compile(r" <[^>]*>$")  # Python's type of an argument after its name
 _TWICE = re.compile(r"(?<=\])\s+\[(default: [^]]*|[-\d.<=>x]+)\]$")  # repeated default or range, already in the text
 _WHOLE = re.compile(r"(\[default: -?\d+)\.0\]")
+_HEADING = re.compile(r"(?m)^[A-Z][A-Za-z ]*(?=:)|(?<=\[)(?:default(?=:)|required(?=\]))")
 _TEXTS = Path(__file__).parent / "texts"
 
 
@@ -21,7 +26,17 @@ def help_of(command: str) -> dict[str, Any]:
     `command`: such as ``run`` or ``calibrate/gyro``. Returns: ``help`` and ``short_help`` for typer.
     """
     short, _, text = (_TEXTS / f"{command}.txt").read_text(encoding="utf-8").rpartition("---\n")
+    if own := catalogue(f"help.{language()}").get(command):  # its prose; examples are in the file
+        prose = iter(own["text"])
+        blocks = (_block(each) if each.startswith("\\b") else in_columns(next(prose)) for each in text.split("\n\n"))
+        text = "\n\n".join(blocks)
+        short = in_columns(own["short"])
     return {"help": text.replace("\\b\n", "\b\n"), "short_help": (short or text).partition("\n")[0]}
+
+
+def _block(text: str) -> str:
+    """Translate the entries of a block of lines; commands and names stay."""
+    return re.sub(r"\S+(?: \S+)*", lambda found: in_columns(translated(found[0])), text)
 
 
 class _Light:
@@ -32,6 +47,13 @@ class _Light:
         for param in params:
             param.__dict__["process_value"] = partial(_processed, param)
         return params
+
+    def get_help(self, ctx: Any) -> str:
+        """Write the help in the language of the messages."""
+        for param in self.get_params(ctx):
+            param.help = in_columns(translated(param.help or ""))
+        text: str = super().get_help(ctx)  # type: ignore[misc]
+        return _HEADING.sub(lambda found: translated(found[0]), text).replace("\0", "")
 
 
 class LightGroup(_Light, TyperGroup):

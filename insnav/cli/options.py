@@ -94,6 +94,13 @@ SpikeLimit = Annotated[
     ),
 ]
 Rate = Annotated[str, option(RESULT, "HZ", "Rows per second of the solution, or full.")]
+EpochsFile = Annotated[
+    Path | None,
+    option(RESULT, "FILE", "Epochs of the poses, such as camera triggers: seconds in the first column of a text."),
+]
+Point = Annotated[
+    str | None, option(RESULT, "F,R,D", "Point of the poses: forward, right, down of the IMU, m. [the IMU]")
+]
 Seed = Annotated[int, option(RESULT, "N", "Random seed.", min=0)]
 Backdrop = Annotated[
     Path | None, option(RESULT, "FILE", "Lines behind the track of the page: GeoJSON, such as streets.")

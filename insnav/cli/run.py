@@ -9,7 +9,7 @@ from insnav.cli import console, parse
 from insnav.cli.console import working
 from insnav.cli.data_options import Data, check_usable, takes_data
 from insnav.cli.drives import with_backdrop
-from insnav.cli.options import RESULT, START, Aiding, Backdrop, Force, Json, Out, Rate, flag, option
+from insnav.cli.options import RESULT, START, Aiding, Backdrop, EpochsFile, Force, Json, Out, Point, Rate, flag, option
 from insnav.exceptions import CheckError, ConfigError
 
 
@@ -36,6 +36,8 @@ def run(
     out: Out = Path("run"),
     force: Force = False,
     rate: Rate = "10",
+    epochs: EpochsFile = None,
+    point: Point = None,
     format: Annotated[Literal["csv", "parquet"], option(RESULT, "FORMAT", "Tables as csv or parquet.")] = "csv",
     figures: Annotated[
         Literal["page", "png", "svg", "none"],
@@ -54,7 +56,11 @@ def run(
     interval = parse.interval(rate)
     if fail_above is not None and parse.finite(fail_above, "--fail-above") <= 0.0:
         raise ConfigError("cli.not_a_limit", where="--fail-above", value=fail_above)
+    wanted = None if point is None else parse.vector(point, "--point")
     with working(out, force) as (folder, stage):
+        from insnav.input.readers.epochs import read_epochs
+
+        times = () if epochs is None else read_epochs(epochs)
         drive = data.load(stage)
         if fail_above is not None and drive.reference is None:
             raise ConfigError("cli.limit_without_reference", where="--fail-above")
@@ -63,6 +69,8 @@ def run(
             aiding=aiding,
             smooth=smooth,
             output_interval=interval,
+            epochs=times,
+            point=wanted,
             mechanization=mechanization,
             progress=stage.advance,
         )

@@ -246,6 +246,7 @@ def _many(folder: RunFolder, plan: Plan, runs: int, engine: str, resume: bool, s
 
 def _list(out: Path | None, force: bool, as_json: bool) -> None:
     """List the library, and draw it into a folder if specified."""
+    from insnav.messages import translated
     from insnav.simulate.motion import library, load_profile
 
     profiles = [load_profile(path) for path in library()]
@@ -261,7 +262,8 @@ def _list(out: Path | None, force: bool, as_json: bool) -> None:
         result(json.dumps(shown, indent=1, ensure_ascii=False))
         return
     width = max(len(str(each["name"])) for each in shown)
-    result("\n".join(f"{each['name']:<{width}}  {each['duration_s']:6.0f} s  {each['purpose']}" for each in shown))
+    lines = (f"{each.name:<{width}}  {each.duration:6.0f} s  {translated(each.purpose)}" for each in profiles)
+    result("\n".join(lines))
 
 
 def verify(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -16,12 +17,15 @@ from insnav.errors.metrics import TrajectoryErrors, on_clock, position_errors
 from insnav.errors.reference_check import ReferenceOffset, check_reference, known_delay, reference_offset
 from insnav.exceptions import InputError
 from insnav.filter.gates import UNUSABLE
+from insnav.filter.gps_noise import white_noise
 from insnav.filter.navigate import Navigated
 from insnav.filter.noise_estimate import NoiseEstimate
 from insnav.findings import Code, Finding, by_time, of_code
 from insnav.input.readers.reading import Reading
+from insnav.sample_statistics import rms
 from insnav.strapdown import navigate_short
 from insnav.types import FloatArray, GpsData, ImuData, Increments, Run, SensorErrors, Trajectory
+from insnav.units import DEG
 
 LENGTH = 60.0  # of a window [s]
 KEEP = 0.5  # interval of the compared states [s]
@@ -125,6 +129,8 @@ def _corrected(piece: Increments, errors: SensorErrors | None, begin: float) -> 
 
 
 _FEW, _MOST, _SAME = 10, 0.9, 1e-10  # common epochs, and share of them with equal positions [rad]: half a millimetre
+_WHOLE = 1e-3  # steps: rounding of a double [-]
+_SIGNIFICANT = 5.0  # standard deviations of a significant difference
 _REJECTED = 0.5  # share of rejected positions of a lost filter ...
 _LOST, _LOST_RESETS = 0.2, 3  # ... or after this many resets
 _UNKNOWN = 300.0  # standard deviation of used fixes, beyond all receivers [m]
@@ -180,6 +186,16 @@ class EvaluatedRun:
         """True if the reference belongs to another drive: its errors are meaningless."""
         return any(of_code(self.run.events, Code.REF_OTHER_DRIVE))
 
+    @property
+    def noisy_reference(self) -> bool:
+        """True if the errors are mostly noise of the reference."""
+        return any(of_code(self.run.events, Code.REF_NOISIER))
+
+    @property
+    def useless_reference(self) -> bool:
+        """True if the errors do not describe the solution: another drive, the fixes themselves, or a noisier file."""
+        return self.other_drive or self.reference_is_gps or self.noisy_reference
+
     @cached_property
     def errors_on_clock(self) -> dict[str, TrajectoryErrors]:
         """Return `known_errors` with the clock of the reference corrected."""
@@ -209,6 +225,9 @@ def evaluate_run(
         errors = position_errors(done.run.solution, good, lever_b=lever_b)
         if done.run.smoothed is not None:
             smoothed_errors = position_errors(done.run.smoothed.solution, good, lever_b=lever_b)
+        noisy = None if same else noisier_reference(done.run, smoothed_errors or errors)
+        if noisy is not None:
+            done = replace(done, run=replace(done.run, events=by_time((noisy, *done.run.events))))
     return EvaluatedRun(done.run, done.gps, errors, smoothed_errors, reference_is_gps=same), notes
 
 
@@ -221,12 +240,37 @@ def _held(reference: Trajectory, time: FloatArray) -> Trajectory:
     return replace(reference.rows(np.zeros(len(time), dtype=np.int64)), time=time)
 
 
+def noisier_reference(run: Run, errors: TrajectoryErrors) -> Finding | None:
+    """Find that most of the error is noise of the reference, and more than that of the fixes: they may be exchanged.
+
+    The solution is smooth, so the white noise of its errors comes from the reference. White noise of innovations comes
+    from fixes and prediction. The sd of a scale estimate by medians of n third differences is about 2 / sqrt(n) of it.
+    """
+    used = run.innovations.used_position
+    fixes, count = white_noise(run.innovations.time[used], run.innovations.innovation[used, :2])
+    of_reference, other = white_noise(errors.time, errors.position[:, :2])
+    least = 1.0 + 2.0 * _SIGNIFICANT / math.sqrt(max(min(count, other), 1))
+    if min(count, other) < _FEW or of_reference < least * fixes or of_reference**2 < 0.5 * rms(errors.horizontal) ** 2:
+        return None
+    return Finding.of(Code.REF_NOISIER, subject="ref", reference_m=of_reference, fixes_m=fixes)
+
+
 def same_positions(gps: GpsData, reference: Trajectory) -> bool:
-    """Return whether fixes and reference have equal positions at their common epochs."""
+    """Return whether fixes and reference have equal positions at their common epochs, as rounded in either file."""
+    step = max(_SAME, _rounding(gps.lla), _rounding(reference.lla))
     _, i, j = np.intersect1d(gps.time, reference.time, return_indices=True)
     if len(i) < _FEW:
         return False
-    return bool(np.mean(np.abs(gps.lla[i, :2] - reference.lla[j, :2]).max(axis=1) < _SAME) > _MOST)
+    return bool(np.mean(np.abs(gps.lla[i, :2] - reference.lla[j, :2]).max(axis=1) < step) > _MOST)
+
+
+def _rounding(lla: FloatArray) -> float:
+    """Return the largest rounding error of positions (n, 3) in a file, decimals of a degree or of a minute [rad]."""
+    degrees = lla[:, :2] / DEG
+    for size in sorted((step / part for step in (1e-5, 1e-6, 1e-7, 1e-8) for part in (1.0, 60.0)), reverse=True):
+        if np.abs(degrees / size - np.round(degrees / size)).max() < _WHOLE:
+            return 0.5 * size * (1.0 + _WHOLE) * DEG
+    return 0.0
 
 
 def fixed_epochs(reference: Reading[Trajectory]) -> tuple[Trajectory, tuple[Finding, ...]]:

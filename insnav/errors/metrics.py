@@ -159,6 +159,12 @@ def position_errors(
     )
 
 
+def interpolated(track: Trajectory, time: FloatArray) -> Trajectory:
+    """Interpolate a trajectory at the times (m,) [s] that it covers; see `_interpolated`."""
+    index, share, covered = _brackets(track.time, time)
+    return Trajectory(time[covered], *_interpolated(track, index[covered], share[covered]))
+
+
 def on_clock(errors: TrajectoryErrors, track: Trajectory, late: float) -> TrajectoryErrors:
     """Compute position errors of a track with reference times reduced by `late` [s]."""
     spans = (_brackets(time, errors.time) for time in (track.time + late, track.time))

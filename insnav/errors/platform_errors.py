@@ -9,7 +9,7 @@ over time have a closed form, and the periods are found in a record.
 References
 ----------
 Britting, "Inertial Navigation Systems Analysis", 1971, chapters on the error equations in the general and the local
-level form; Groves (2013), section 14.2 for the equations, section 5.7 for their behaviour.
+level form. Groves (2013), section 14.2 for the equations, section 5.7 for their behaviour.
 """
 
 from __future__ import annotations
@@ -100,9 +100,10 @@ def static_errors(time: FloatArray, lat: float, height: float, errors: PlatformE
 
     Notes
     -----
-    Exact to first order in the errors, except for the north component of gravity above the ellipsoid: at 5 km 2e-4 of
-    the velocity after a day. With ``psi = phi - dtheta``, tilt phi and position error dtheta as a rotation,
-    ``psi' = -w_ie x psi + d``. With ``k = g / R``, meridian radius R for north and transverse radius for east,
+    Exact to first order in the errors, except for the north component of gravity above the ellipsoid. At 5 km it
+    changes the velocity by 2e-4 after a day. With ``psi = phi - dtheta``, tilt phi and position error dtheta as a
+    rotation, ``psi' = -w_ie x psi + d``. With ``k = g / R``, meridian radius R for north and transverse radius for
+    east,
 
         ``x_N'' + 2 W sin(L) x_E' + k_N x_N =  g psi_E + b_N``
         ``x_E'' - 2 W sin(L) x_N' + k_E x_E = -g psi_N + b_E``.

@@ -71,7 +71,7 @@ def run_warnings(found: EvaluatedRun) -> tuple[Finding, ...]:
     """Report problems that make a solution worse than stated, most important first."""
     stated, same = found.errors_on_clock, found.reference_is_gps
     modes = "filtered", "smoothed"
-    too_sure = [each for mode in modes for each in overconfident(mode, stated.get(mode), same_data=same)]
+    too_sure = [each for mode in modes for each in overconfident(mode, stated.get(mode))]
     unusable, lost = failure(found.run), tuple(_lost_heading(found))
     delay = delay_shown(found.run)  # beyond it, the clocks of samples and fixes leave no definite solution time
     of_drive, of_reference = event_warnings(found.run)
@@ -84,7 +84,7 @@ def run_warnings(found: EvaluatedRun) -> tuple[Finding, ...]:
         *([Finding.of(Code.RUN_LATE_FIXES, subject="gps", delay_s=delay)] if delay else []),
         *of_reference,
         *_many_rejected(found.run),
-        *(() if found.other_drive else too_sure[:1]),
+        *(() if found.useless_reference else too_sure[:1]),
         *_diverged(found.run),
         *_turned_at_rest(found.run),
         *_turned_in_place(found.best),
@@ -147,7 +147,10 @@ def _samples_lost(run: Run) -> Iterator[Finding]:
 
 
 def _many_rejected(run: Run) -> Iterator[Finding]:
-    """Report a large number of rejected fixes without a known cause: the fixes are hardly to blame."""
+    """Report a large number of rejected headings, and of rejected fixes without a known cause."""
+    for use in run.aiding:
+        if use.name == "heading" and use.rejected > _MANY * use.processed:
+            yield Finding.of(Code.RUN_HEADINGS_REJECTED, subject="gps", count=use.rejected, total=use.processed)
     fixes = run.innovations
     named = {event.code for event in run.events}
     shares: dict[str, Any] = {}
@@ -174,14 +177,12 @@ def _many_rejected(run: Run) -> Iterator[Finding]:
         yield Finding.of(Code.RUN_ROW_REJECTED, start, stop, subject=name, **others)
 
 
-def overconfident(name: str, errors: TrajectoryErrors | None, *, same_data: bool) -> list[Finding]:
+def overconfident(name: str, errors: TrajectoryErrors | None) -> list[Finding]:
     """Report errors outside 3 sd far more often than expected. `name`: of the solution."""
     position = None if errors is None else (nees(errors) or {}).get("position")
     if errors is None or not position or position["inside_3_sd"] >= HOLDS:
         return []
     outside = 1.0 - position["inside_3_sd"]
-    if same_data:
-        return [Finding.of(Code.RUN_OVERCONFIDENT_GPS, subject=name, share=outside)]
     constant = np.nanmedian(errors.position, axis=0)
     without = (nees(replace(errors, position=errors.position - constant)) or {}).get("position")
     if without and (rest := 1.0 - without["inside_3_sd"]) < _EXPLAINED * outside:

@@ -154,7 +154,7 @@ def explain_faults(ready: Prepared, kinds: Sequence[Kind]) -> tuple[Prepared, Ex
             if known is not None and not of_imu(known.faults):
                 parts.append(known)
                 continue
-            found = search(record, kinds, () if known is None else known.found.best.steps)
+            found = search(record, kinds, () if known is None else known.search.best.steps)
             if not np.isfinite(found.best.cost):  # too far from linear to be calculated
                 return ready, Explanation()
             passes, tried = passes + found.passes, [*tried, *considered_of(record, found)]
@@ -168,14 +168,14 @@ def explain_faults(ready: Prepared, kinds: Sequence[Kind]) -> tuple[Prepared, Ex
     findings = tuple(find(fault, explained.gps) for fault in faults if fault.family != "delay")
     rows = {(each.name, each.begin, each.end): each for each in sorted(tried, key=lambda each: each.gain)}
     for part in parts:
-        steps = (step for step in part.found.best.steps if step.kind is not RETURN)
+        steps = (step for step in part.search.best.steps if step.kind is not RETURN)
         for fault, step in zip(part.faults, steps, strict=True):
             rows[fault.kind.name, fault.begin, fault.end] = accepted_as(ready, fault, step, part.record.interval)
     best_first = sorted(rows.values(), key=lambda each: (not each.accepted, -each.gain))
-    times, variances = zip(*(mix(part.record, part.found) for part in parts), strict=True)
+    times, variances = zip(*(mix(part.record, part.search) for part in parts), strict=True)
     between = np.concatenate(times), np.concatenate(variances)
     explanation = Explanation(tuple(faults), tuple(best_first), passes, runs, findings, between)
-    notes = (*explained.notes, state_detectable(parts[0].record, parts[0].found.best.seen, kinds))
+    notes = (*explained.notes, state_detectable(parts[0].record, parts[0].search.best.seen, kinds))
     return replace(explained, explanation=explanation, notes=notes), explanation
 
 
@@ -183,7 +183,7 @@ class Part(NamedTuple):
     """Part of a recording, with its search and its faults."""
 
     record: LinearRecord
-    found: Search
+    search: Search
     faults: list[Fault]
 
 
@@ -192,11 +192,11 @@ def faults_of(parts: Iterable[Part]) -> list[Fault]:
     return [fault for part in parts for fault in part.faults]
 
 
-def mix(record: LinearRecord, found: Search) -> tuple[FloatArray, FloatArray]:
+def mix(record: LinearRecord, search: Search) -> tuple[FloatArray, FloatArray]:
     """Compute the variance between explanations, weighted by their probability: epochs (m,) [s], variances (m, 9)."""
-    every = [found.best, *found.others]
-    part = np.exp(-0.5 * (np.array([each.cost for each in every]) - found.best.cost))
-    off = np.array([each.seen.nav - found.best.seen.nav for each in every])
+    every = [search.best, *search.others]
+    part = np.exp(-0.5 * (np.array([each.cost for each in every]) - search.best.cost))
+    off = np.array([each.seen.nav - search.best.seen.nav for each in every])
     off[:, :, 6:8] = np.linalg.norm(off[:, :, 6:8], axis=2, keepdims=True)  # tilts are of the level axes
     return record.time, np.asarray(np.tensordot(part / part.sum(), off**2, axes=1))
 
@@ -215,10 +215,10 @@ def alike(some: Sequence[Fault], others: Sequence[Fault]) -> bool:
     )
 
 
-def faults_in(record: LinearRecord, found: Search) -> list[Fault]:
+def faults_in(record: LinearRecord, search: Search) -> list[Fault]:
     """Convert the accepted steps of a search to faults in time. A return ends earlier displacements of the fixes."""
     faults: list[Fault] = []
-    for step, gain in zip(found.best.steps, found.gains, strict=True):
+    for step, gain in zip(search.best.steps, search.gains, strict=True):
         begin = float(record.time[step.begin])
         if step.kind is RETURN:
             for row, each in enumerate(faults):
@@ -226,10 +226,10 @@ def faults_in(record: LinearRecord, found: Search) -> list[Fault]:
                     faults[row] = replace(each, end=min(each.end, begin), back=begin)
             continue
         columns = record.columns(step.kind)
-        size = step.variance * found.best.seen.score[step.begin] @ columns
+        size = step.variance * search.best.seen.score[step.begin] @ columns
         if step.kind.fills:
             size = np.full(1, np.sqrt(step.variance / record.interval))
-        known = np.diagonal(columns.T @ found.best.seen.information[step.begin] @ columns)
+        known = np.diagonal(columns.T @ search.best.seen.information[step.begin] @ columns)
         sd = np.sqrt(np.maximum(step.variance - step.variance**2 * known, 0.0))
         end = float(record.time[step.end]) if step.end else np.inf
         back = end if step.kind.name in CLEARED else np.inf
@@ -237,10 +237,10 @@ def faults_in(record: LinearRecord, found: Search) -> list[Fault]:
     return faults
 
 
-def considered_of(record: LinearRecord, found: Search) -> list[Tried]:
+def considered_of(record: LinearRecord, search: Search) -> list[Tried]:
     """Return the table rows of the faults that the search has rejected."""
     rows = []
-    for each in found.considered:
+    for each in search.considered:
         if not each.accepted:
             step = each.steps[0]
             end = float(record.time[step.end]) if step.end else np.inf

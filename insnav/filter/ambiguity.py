@@ -29,8 +29,9 @@ def widen_by_jumps(run: Run, jumps: Sequence[Jump]) -> Run:
     early = float(np.clip(before / (before + after), LEAST, 1.0 - LEAST))  # probability that the fixes after are false
 
     def wider(solution: Trajectory, sd: FloatArray) -> FloatArray:
-        off = (solution.time[:, None] >= begin) @ np.array([each.moved for each in jumps])  # relative to the start
-        sd[:, :3] = np.sqrt(sd[:, :3] ** 2 + early * off**2 + (1.0 - early) * (off[-1] - off) ** 2)
+        moved = np.array([each.moved for each in jumps])
+        off = (solution.time[:, None] >= begin) @ moved  # relative to the start
+        sd[:, :3] = np.sqrt(sd[:, :3] ** 2 + early * off**2 + (1.0 - early) * (moved.sum(axis=0) - off) ** 2)
         return sd
 
     return with_wider_sd(run, wider)
@@ -54,4 +55,5 @@ def with_wider_sd(run: Run, wider: Callable[[Trajectory, FloatArray], FloatArray
         return replace(solution, sd=wider(solution, solution.sd.copy()))
 
     smoothed = run.smoothed and replace(run.smoothed, solution=changed(run.smoothed.solution))
-    return replace(run, solution=changed(run.solution), smoothed=smoothed)
+    poses = run.poses and changed(run.poses)
+    return replace(run, solution=changed(run.solution), smoothed=smoothed, poses=poses)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from copy import deepcopy
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -107,6 +108,7 @@ class Estimate:
         self._phi, self._q, self._unity = np.eye(n), np.zeros((n, n)), np.eye(n)
         self._work = errorstate.scratch()
         self.before = np.zeros(12)  # predicted variances at the last epoch
+        self._changing = self.all, self.span, self._carried.sums, self._phi, self._q, self.before
         self._rough = settings.rough
         self._changes = [change for change in settings.changes if change.time > start.time]
         begin, rest = alignment.static or (-np.inf, -np.inf)
@@ -127,6 +129,28 @@ class Estimate:
     def delay(self) -> float:
         """Delay of the fixes in addition to the specified delay [s]."""
         return float(self._clock[0])
+
+    @property
+    def covariance_now(self) -> FloatArray:
+        """Covariance of the error states at the time of the state, but for an open sub-step, (n, n)."""
+        if self.span[0] == 0.0:
+            return self.covariance.copy()
+        phi = self._phi.copy()
+        epoch.turn(phi, self.all.copy())
+        return phi @ self.covariance @ phi.T + self._q
+
+    def saved(self) -> tuple[Any, ...]:
+        """Copy everything that changes; the engine replaces its covariance, never parts of it."""
+        arrays = [each.copy() for each in self._changing]
+        return arrays, self._engine.covariance, self._engine.repairs, tuple(self._changes), self._noise
+
+    def go_back(self, saved: tuple[Any, ...]) -> None:
+        """Restore a state from `saved`."""
+        arrays, covariance, self._engine.repairs, changes, self._noise = saved
+        for each, values in zip(self._changing, arrays, strict=True):
+            each[:] = values
+        self._changes = list(changes)
+        self._engine.replace_covariance(covariance)
 
     def kept(self, time: float) -> FilterState:
         """Copy the whole state, to continue from."""

@@ -10,9 +10,9 @@ import numpy as np
 from insnav import spill
 from insnav.earth import ned_offset
 from insnav.filter.gates import Gates, aside
-from insnav.filter.gps_correlation import Spline
 from insnav.findings import Code, Finding
 from insnav.kernels.earth import A
+from insnav.spline import Spline
 from insnav.types import BoolArray, FloatArray, GpsData
 from insnav.units import DEG
 
@@ -120,10 +120,8 @@ def _scatter(
     t, x = time[good], values[good]
     if float(np.median(np.diff(t))) > SPARSE:
         return np.tile(np.asarray(default), (n, 1))
-    third = np.abs(np.diff(x, n=3, axis=0)) * (ALIKE * 1.4826 / np.sqrt(20.0))
-    step = np.diff(t)
-    even = np.max(np.column_stack([step[:-2], step[1:-1], step[2:]]), axis=1) < 1.5 * np.median(step)
-    third, middle = third[even], t[1:-2][even]
+    third, middle = _third_differences(t, x)
+    third *= ALIKE
     if third.shape[0] < 20:
         return np.tile(np.asarray(default), (n, 1))
     overall: FloatArray = np.median(third, axis=0)
@@ -141,6 +139,22 @@ def _scatter(
         median = 0.5 * (np.take_along_axis(near, low, axis=1) + np.take_along_axis(near, high, axis=1))[:, 0]
         sd[block] = np.where(count[block, None] < 5, overall, np.maximum(overall, median))
     return np.asarray(np.maximum(sd, sd_floor))
+
+
+def _third_differences(time: FloatArray, values: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return third differences whose medians are the sd of white noise, (k, c), and their times (k,) [s]."""
+    step = np.diff(time)
+    even = np.max(np.column_stack([step[:-2], step[1:-1], step[2:]]), axis=1) < 1.5 * np.median(step)
+    third = np.abs(np.diff(values, n=3, axis=0)) * (1.4826 / np.sqrt(20.0))
+    return third[even], time[1:-2][even]
+
+
+def white_noise(time: FloatArray, values: FloatArray) -> tuple[float, int]:
+    """Estimate the white noise of a smooth series (n, c), all components together, and the number of differences."""
+    if len(time) < 4:
+        return 0.0, 0
+    third, _ = _third_differences(time, values)
+    return float(np.linalg.norm(np.median(third, axis=0))) if len(third) else 0.0, len(third)
 
 
 def _by_fix(gps: GpsData, scatter: FloatArray) -> FloatArray:

@@ -127,14 +127,14 @@ class InnovationLikelihood:
         self.offered = int(np.count_nonzero((gps.time > imu.time[0]) & (gps.time < imu.time[-1])))
         self.parameters = self._choose()
 
-    def again(self, found: NoiseEstimate) -> InnovationLikelihood:
+    def again(self, noise: NoiseEstimate) -> InnovationLikelihood:
         """Repeat about another run, with the estimated noise."""
-        return InnovationLikelihood(self._ready, self.prior, found)
+        return InnovationLikelihood(self._ready, self.prior, noise)
 
-    def doubted(self, found: NoiseEstimate) -> InnovationLikelihood:
-        """Copy with the prior of position sds at the values of `found`, if the reported sds are far too small."""
-        part, larger = copy(self), np.clip(found.white, 1.0, ALIKE)
-        middle = dict(zip(LEVELS, np.log(found.position_factor[1:] * larger), strict=True))
+    def doubted(self, noise: NoiseEstimate) -> InnovationLikelihood:
+        """Copy with the prior of position sds at the values of `noise`, if the reported sds are far too small."""
+        part, larger = copy(self), np.clip(noise.white, 1.0, ALIKE)
+        middle = dict(zip(LEVELS, np.log(noise.position_factor[1:] * larger), strict=True))
         part.parameters = tuple(replace(p, middle=float(middle.get(p.key, p.middle))) for p in self.parameters)
         return part
 

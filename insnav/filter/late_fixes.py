@@ -1,9 +1,9 @@
 """Likelihood of fixes with timestamps late by a given time, over all other estimates of the filter.
 
-A filter has run once. A fix at another time than its epoch is linear in the error states: velocity error times time
-difference, tilt times specific force, and rotated lever arm. One pass of covariance algebra then gives the innovations
-with every fix at its own time (`insnav.kernels.noise_likelihood`), for any delay, without the filter's own delay. Lever
-arm, attitude and biases depend on the delay: they are free, from an uncertain start.
+A filter has run once. A fix at another time than its epoch is linear in the error states. The terms are velocity error
+times time difference, tilt times specific force, and the rotated lever arm. One pass of covariance algebra then gives
+the innovations with every fix at its own time (`insnav.kernels.noise_likelihood`), for any delay, without the filter's
+own delay. Lever arm, attitude and biases depend on the delay: they are free, from an uncertain start.
 """
 
 from __future__ import annotations

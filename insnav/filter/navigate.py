@@ -18,6 +18,7 @@ from insnav.filter.measurements import measurements_from_drive
 from insnav.filter.measurements.measurement import FirstPass
 from insnav.filter.measurements.sensors import NonHolonomic, ZeroVelocity
 from insnav.filter.navigator import Navigator
+from insnav.filter.poses import on_grid
 from insnav.filter.prepare import Prepared, Start, prepare
 from insnav.filter.settings import FilterSettings
 from insnav.findings import Code, Finding
@@ -105,16 +106,22 @@ def dense(every: float) -> float:
 
 
 def thinned(run: Run, every: float) -> Run:
-    """Thin the solutions of a run to the first row of each interval, if that is longer than a dense one [s]."""
+    """Thin the solutions of a run to whole multiples of an interval, if that is longer than a dense one [s].
+
+    Without such a row, the first remains.
+    """
     if every <= DENSE:
         return run
 
     def few(track: Trajectory) -> Trajectory:
-        number = np.floor((track.time - track.time[0]) / every + 1e-6)
-        return track.rows(np.flatnonzero(np.diff(number, prepend=-1.0) > 0.0))
+        rows = np.flatnonzero(on_grid(track.time, every))
+        return track.rows(rows if rows.size else slice(0, 1))
 
     smoothed = run.smoothed and replace(run.smoothed, solution=few(run.smoothed.solution))
-    return replace(run, solution=few(run.solution), smoothed=smoothed)
+    poses = run.poses
+    if poses is not None and np.array_equal(poses.time, run.solution.time):
+        poses = few(poses)
+    return replace(run, solution=few(run.solution), smoothed=smoothed, poses=poses)
 
 
 def aided(ready: Prepared, spec: ImuSpec, progress: Callable[[float], None] | None = None) -> Prepared:

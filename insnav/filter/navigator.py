@@ -2,13 +2,14 @@
 
 Between filter epochs the compiled kernel propagates the state and accumulates transition and noise. The filter gets
 them at each fix, and once a second without fixes. A fix between two samples splits the interval at its time.
-Post-processing feeds a recording in blocks. A live system could feed samples as they arrive, and would lag by `MARGIN`
-samples.
+Post-processing feeds a recording in blocks. `insnav.session.online` feeds samples as they arrive, and lags by `MARGIN`
+samples and `SEEN`.
 """
 
 from __future__ import annotations
 
 from collections.abc import Container, Sequence
+from typing import Any
 
 import numpy as np
 
@@ -38,6 +39,7 @@ QUANTUM = 2.0**-40  # of angles, far below gyro resolution [rad]
 COAST = 1.0  # longest time between filter epochs: the transition is of second order [s]
 BROKEN = 3.0  # a longer time without a rejected fix ends a run of rejections, if fixes come more often [s]
 NOISY, FAR_BEYOND = 3.0, 10.0  # factors on the RMS of the gyros' white noise: smaller rates, or parts, may be noise
+INSTANT = 0.01  # share of a sampling interval whose mean rate is the rate at its end [-]
 FEWEST_REJECTIONS = 5  # before a reset: at low rates a second or two of multipath must not cause a reset
 
 
@@ -46,7 +48,7 @@ class Navigator:
 
     `start`: initial state; samples and fixes before its time are skipped. `nominal`: sampling interval [s]. `marks`:
     rows of `gps` after which `kept` stores the whole state, to continue from. `parts`: restarts after long gaps of the
-    samples.
+    samples. `record`: collects the results; by default all of them.
 
     Examples
     --------
@@ -64,21 +66,18 @@ class Navigator:
         settings: FilterSettings | None = None,
         marks: Container[int] = (),
         parts: Sequence[Part] = (),
+        record: Record | None = None,
     ) -> None:
         settings = settings or FilterSettings()
         if isinstance(start, InitialState):
             start = first_state(start, settings)
-        later = gps.time - settings.delay > start.time + strapdown.TIME_TOLERANCE
-        self._gps = gps
-        self._fix = np.flatnonzero(later)
-        self._fix_time = gps.time[later] - settings.delay
-        own = np.full(gps.time.shape[0], True) if gps.fix is None else gps.fix != gate.OF_REFERENCE
-        # age of the velocities [s]; a smaller lag is linear enough
-        self._late = own[later] * (settings.velocity_lag if abs(settings.velocity_lag) > LAG_WORTH else 0.0)
         self._settings, self._model, self._nominal, self._alignment = settings, model, nominal, alignment
+        self._start, self._done, self._first = start.time, -np.inf, start.time
+        self.take_fixes(gps)
         self._marks, self.kept = marks, dict[int, FilterState]()
         self._coast = COAST if settings.aiding is None else settings.aided_every
-        self._record = Record(self._fix.shape[0])
+        rates_sd = np.sqrt(model.noise[:3] / nominal) if settings.with_poses else None
+        self._record = record or Record(self._fix.shape[0], rates_sd)
         self._estimate = Estimate(start, model, settings, self._record.event, self._coast, alignment)
         self._record.epoch(start.time, self._estimate)
         self._aiding = AidingUpdates(self._estimate, settings, self._record, gps, start.time)
@@ -86,9 +85,8 @@ class Navigator:
         self._z, self._h, self._sd = np.zeros(6), np.zeros((6, n)), np.zeros(6)
         self._r, self._s = np.zeros((6, 6)), np.zeros((6, 6))
         every = settings.output_interval
-        self._grid = np.array([start.time if every > 0 else np.inf, every, start.time])
-        self._start, self._done = start.time, -np.inf
-        self._next = 0  # first unprocessed fix
+        self._grid = np.array([np.inf, every if every > 0.0 or not settings.with_poses else -1.0, 0.0])
+        self._begin_grid(start.time)
         none = np.empty((0, 3))
         self._sensed, self._motion = (none, none, none, none), np.zeros(25)  # see `felt`
         noise = float(model.noise[:3].sum()) / nominal
@@ -106,6 +104,18 @@ class Navigator:
         self._rejections: list[float] = []  # times of an unbroken run of rejected positions
         self._tail: ImuData | None = None
         self._parts = [part for part in parts if part.initial.time > start.time]
+
+    def take_fixes(self, gps: GpsData) -> None:
+        """Replace all fixes; processed ones have no further effect."""
+        settings = self._settings
+        later = gps.time - settings.delay > self._first + strapdown.TIME_TOLERANCE
+        self._gps, self._fix, self._fix_time = gps, np.flatnonzero(later), gps.time[later] - settings.delay
+        own = np.full(gps.time.shape[0], True) if gps.fix is None else gps.fix != gate.OF_REFERENCE
+        # age of the velocities [s]; a smaller lag is linear enough
+        self._late = own[later] * (settings.velocity_lag if abs(settings.velocity_lag) > LAG_WORTH else 0.0)
+        # first unprocessed fix
+        done = max(self._done, self._start) + strapdown.TIME_TOLERANCE
+        self._next = int(np.searchsorted(self._fix_time, done, side="right"))
 
     def feed(self, imu: ImuData) -> None:
         """Process the next block of samples; samples without later neighbours wait for the next call.
@@ -128,20 +138,66 @@ class Navigator:
         self._close()
         span = start.time - max(self._done, self._start)
         self._tail, self._start, self._done = None, start.time, -np.inf
-        self._next = int(np.searchsorted(self._fix_time, start.time + strapdown.TIME_TOLERANCE, side="right"))
+        self.take_fixes(self._gps)
         self._last_good = start.time
         self._rejections.clear()
-        if self._grid[1] > 0.0:
-            self._grid[:] = start.time, self._grid[1], start.time
+        self._begin_grid(start.time)
         estimate.go_on(start, span)
         self._record.epoch(start.time, estimate)
         self._aiding.restart(start.time)
+
+    def _cuts(self, begin: float, end: float) -> FloatArray:
+        """Return the times at which intervals from `begin` to `end` are cut: start, fixes and rows of the solution.
+
+        Before a pose of another point a short piece is cut off: the velocity needs the rate at the epoch, not its mean.
+        """
+        every, settings = self._grid[1], self._settings
+        grid = every * np.arange(np.floor(begin / every), np.ceil(end / every) + 1.0) if every > 0.0 else np.empty(0)
+        fixes, wanted = (
+            some[slice(*np.searchsorted(some, [begin, end + strapdown.TIME_TOLERANCE]))]
+            for some in (self._fix_time[self._next :], settings.epochs)
+        )
+        poses = np.empty(0) if settings.point_b is None else wanted if settings.epochs.size else grid
+        cuts = np.sort(np.concatenate([[self._start], fixes, grid, wanted, poses - INSTANT * self._nominal]))
+        return np.asarray(cuts[np.diff(cuts, prepend=-np.inf) > strapdown.TIME_TOLERANCE])
+
+    def _begin_grid(self, time: float) -> None:
+        """Set the next epochs of the solution: whole multiples of the interval, and those wanted."""
+        begin, every = time - strapdown.TIME_TOLERANCE, self._grid[1]
+        self._grid[0] = every * np.ceil(begin / every) if every > 0.0 else np.inf
+        self._grid[2] = np.searchsorted(self._settings.epochs, begin)
 
     def _close(self) -> None:
         """End with an epoch, so that every row lies between two epochs."""
         if self._estimate.span[0] > 0.0:
             self._estimate.predict(self._done)
             self._record.epoch(self._done, self._estimate)
+
+    @property
+    def done(self) -> float:
+        """Time of the state [s]: the newest samples wait for their neighbours."""
+        return max(self._done, self._start)
+
+    @property
+    def estimate(self) -> Estimate:
+        """State and covariance at that time."""
+        return self._estimate
+
+    def saved(self) -> tuple[Any, ...]:
+        """Copy everything that processing changes, without aiding and results, for `go_back`."""
+        plain = self._done, self._last_good, self._tail, tuple(self._rejections)
+        return *plain, self._estimate.saved()
+
+    def go_back(self, saved: tuple[Any, ...], gps: GpsData) -> None:
+        """Go back to an earlier state, with other fixes; the samples since must follow again."""
+        self._done, self._last_good, self._tail, rejections, estimate = saved
+        self._rejections = list(rejections)
+        self._estimate.go_back(estimate)
+        self.take_fixes(gps)
+
+    def restart_at(self, part: Part) -> None:
+        """Continue with a new alignment after a gap of the samples that follow."""
+        self._parts.append(part)
 
     @property
     def delay(self) -> tuple[float, float]:
@@ -203,27 +259,35 @@ class Navigator:
         stop = parts.end.shape[0] if last else stop
         first = int(np.searchsorted(parts.end, max(self._done, self._start + strapdown.TIME_TOLERANCE), side="right"))
         if stop > first:
-            cuts = np.concatenate([[self._start], self._fix_time[self._next :]])
+            cuts = self._cuts(parts.end[first] - parts.dt[first], parts.end[stop - 1])
             pieces = strapdown.split(parts, cuts, first, stop)
             inc = strapdown.increments(parts, pieces)
-            last_fix = int(np.searchsorted(self._fix_time, parts.end[-1] + strapdown.TIME_TOLERANCE, side="right"))
+            last_fix = int(
+                np.searchsorted(self._fix_time, parts.end[stop - 1] + strapdown.TIME_TOLERANCE, side="right")
+            )
             times = self._fix_time[self._next : last_fix]
-            late, half, number = self._late[self._next : last_fix], 0.5 * self._nominal, int(SEEN / self._nominal)
-            angles, several, slow = turned(parts), [times], SEEN
-            swings = older = self._sensed[3]
-            if late.any():
-                several = [times - each * late for each in self._settings.moments]
-                slow = SEEN if len(several) == 1 else max(SEEN, np.abs(late).max())
-                reach = max(half, np.abs(late).max() * (len(several) - 1) / len(several) ** 2)
-                swings = np.mean([rates_at(each - half, parts.end, angles, reach) for each in several], axis=0)
-                older = np.mean([since(times, times - each, parts) for each in several], axis=0)
-            # an acceleration of another shape than the velocity would bias the delay towards zero
-            forces = np.mean([forces_about(each, parts, max(1, number)) for each in several], axis=0)
-            rates = np.mean([rates_at(each, parts.end, angles, slow) for each in several], axis=0)
-            self._sensed = rates, forces, swings, older
+            if times.size:
+                self._sense(times, self._late[self._next : last_fix], parts)
             self._process(inc, parts.gap[pieces[0]])
             self._done = parts.end[stop - 1]
         self._tail = buffer.rows(slice(max(0, ready - 2 * self._margin), None))
+
+    def _sense(self, times: FloatArray, late: FloatArray, parts: strapdown.Intervals) -> None:
+        """Compute rates and specific forces about each of the next fixes (k,) [s], for `felt`."""
+        half, number = 0.5 * self._nominal, int(SEEN / self._nominal)
+        angles, several, slow = turned(parts), [times], SEEN
+        swings = older = self._sensed[3]
+        if late.any():
+            several = [times - each * late for each in self._settings.moments]
+            slow = SEEN if len(several) == 1 else max(SEEN, np.abs(late).max())
+            reach = max(half, np.abs(late).max() * (len(several) - 1) / len(several) ** 2)
+            swings = np.mean([rates_at(each - half, parts.end, angles, reach) for each in several], axis=0)
+            older = np.mean([since(times, times - each, parts) for each in several], axis=0)
+        # an acceleration of another shape than the velocity would bias the delay towards zero
+        forces = [forces_about(each, parts, max(1, number)) for each in several]
+        rates = [rates_at(each, parts.end, angles, slow) for each in several]
+        mean = [each[0] if len(each) == 1 else np.mean(each, axis=0) for each in (rates, forces)]
+        self._sensed = mean[0], mean[1], swings, older
 
     def _process(self, inc: Increments, gap: FloatArray) -> None:
         begin = int(np.searchsorted(inc.time, self._start + strapdown.TIME_TOLERANCE))
@@ -232,7 +296,9 @@ class Navigator:
         at = np.searchsorted(inc.time, fixes - strapdown.TIME_TOLERANCE)
         at = at[at < inc.time.shape[0]]
         rows = 3 + int((inc.time[-1] - inc.time[0]) / self._grid[1]) if self._grid[1] > 0.0 else inc.time.shape[0]
-        out = self._record.reserve(rows, self._grid)
+        wanted = self._settings.epochs
+        rows += int(np.searchsorted(wanted, inc.time[-1] + 1.0)) - int(self._grid[2])
+        out = self._record.reserve(rows, self._grid, wanted)
         samples = Samples(inc.time, inc.dt, inc.dtheta, inc.dvel, inc.coning, inc.sculling, gap)
         k = begin
         for i in at:
@@ -306,10 +372,12 @@ class Navigator:
         self._note_fix(time, nis, use)
 
     def _show(self, time: float, out: Outputs) -> None:
-        """Store the state after an epoch in the row of the solution at its time, if any."""
+        """Store the state after an epoch in the rows of the solution at its time, if any."""
         self._record.epoch(time, self._estimate)
-        if out.used[0] and out.time[out.used[0] - 1] >= time - strapdown.TIME_TOLERANCE:
-            out.state[out.used[0] - 1] = self._estimate.x
+        row = int(out.used[0]) - 1
+        while row >= 0 and out.time[row] >= time - strapdown.TIME_TOLERANCE:
+            out.state[row] = self._estimate.x
+            row -= 1
 
     def _note_fix(self, time: float, nis: tuple[float, float], use: list[bool]) -> None:
         self._record.fix(time, self._z, self._sd, nis, use, self._estimate)

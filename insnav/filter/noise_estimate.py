@@ -192,7 +192,7 @@ class NoiseEstimate:
         return np.asarray(self.position_factor[1:] * np.sqrt(1.0 - self.correlated.share))
 
 
-def after_rest(alignment: Alignment, assumed: ImuSpec, found: ImuSpec) -> Alignment:
+def after_rest(alignment: Alignment, assumed: ImuSpec, estimated: ImuSpec) -> Alignment:
     """Sharpen the gyro bias of an alignment at rest if the in-run instability is smaller than assumed.
 
     `assumed`: the IMU of the alignment. A larger instability comes from the drive: vibration, absent at rest. In a long
@@ -200,7 +200,7 @@ def after_rest(alignment: Alignment, assumed: ImuSpec, found: ImuSpec) -> Alignm
     """
     if alignment.static is None or alignment.static[1] - alignment.static[0] >= LONG_REST:
         return alignment
-    was, now = assumed.gyro.bias_instability, found.gyro.bias_instability
+    was, now = assumed.gyro.bias_instability, estimated.gyro.bias_instability
     less = was**2 - np.minimum(was, now) ** 2
     return replace(alignment, gyro_bias_sd=np.sqrt(np.maximum(alignment.gyro_bias_sd**2 - less, 0.0)))
 

@@ -269,15 +269,15 @@ def _figure(parameter: Parameter, x: FloatArray, spec: ImuSpec) -> NoiseFigure:
     return NoiseFigure(parameter.key, unit, prior, value, low, high, observable)
 
 
-def kind_of(found: DriveNoise, kinds: Sequence[ImuSpec]) -> ImuSpec:
+def kind_of(noise: DriveNoise, kinds: Sequence[ImuSpec]) -> ImuSpec:
     """Select the kind of IMU with the largest evidence for the estimates, among some and the prior's kind.
 
     Innovations determine the logarithm of a parameter with a normal error: the posterior density without the prior.
     IMUs of one kind are normally distributed about the values of the kind.
     """
-    drive, kinds = found.seen[0], [found.seen[0].prior, *kinds]
+    drive, kinds = noise.seen[0], [noise.seen[0].prior, *kinds]
     worth = np.zeros(len(kinds))
-    for figure, p in zip(found.figures, drive.parameters, strict=True):
+    for figure, p in zip(noise.figures, drive.parameters, strict=True):
         sensor, key = figure.key.split(".")
         if not figure.observable or sensor == "gps" or key == "misalignment":
             continue
@@ -315,13 +315,13 @@ def identify(drives: Sequence[InnovationLikelihood], kinds: Sequence[ImuSpec] = 
     return found
 
 
-def unlike(drives: Sequence[InnovationLikelihood], found: DriveNoise) -> list[list[NoiseFigure]]:
+def unlike(drives: Sequence[InnovationLikelihood], noise: DriveNoise) -> list[list[NoiseFigure]]:
     """Find drives with other IMU parameters than the rest, each with its parameters; see `identify`.
 
-    `found`: common estimate. Drives of one IMU share its parameters, but not the parameters of their fixes. A drive has
+    `noise`: common estimate. Drives of one IMU share its parameters, but not the parameters of their fixes. A drive has
     another IMU if its own parameters raise the likelihood beyond chance, and differ much from the common ones.
     """
-    shared, figures, far = found.seen[1], [], np.zeros(found.seen[1].size, dtype=np.bool_)
+    shared, figures, far = noise.seen[1], [], np.zeros(noise.seen[1].size, dtype=np.bool_)
     for drive in drives:
         one = drive if len(drive.parameters) == shared.size else drive.with_correlated_velocities()
         of_imu = np.array([not p.key.startswith("gps.") and not p.key.endswith("misalignment") for p in one.parameters])
@@ -406,10 +406,10 @@ def _with_gates(ready: Prepared, spec: ImuSpec, gates: Gates) -> InnovationLikel
     return drive
 
 
-def with_noise(ready: Prepared, found: NoiseEstimate) -> Prepared:
+def with_noise(ready: Prepared, noise: NoiseEstimate) -> Prepared:
     """Apply the estimated noise to a prepared recording."""
-    notes = (*_without_correlated(ready.notes), *_report(found))
-    return _with_axes(replace(ready.apply_noise(found), notes=notes), found.axes)
+    notes = (*_without_correlated(ready.notes), *_report(noise))
+    return _with_axes(replace(ready.apply_noise(noise), notes=notes), noise.axes)
 
 
 def with_careful_biases(ready: Prepared, assumed: ImuSpec) -> Prepared:

@@ -22,6 +22,7 @@ from insnav.filter.gps_noise import LAG_WORTH, OPEN_HEIGHT, name_lag, velocity_l
 from insnav.filter.measurements.sensors import HeightAiding
 from insnav.filter.navigator import Navigator
 from insnav.filter.noise_estimate import NoiseEstimate, start_by
+from insnav.filter.run_recorder import Record
 from insnav.filter.settings import FilterSettings
 from insnav.findings import Code, Finding
 from insnav.imu.health import inspect
@@ -88,11 +89,10 @@ class Prepared:
         """Findings, including sample faults."""
         return (*self.notes, *self.faults)
 
-    def navigator(self, marks: Container[int] = ()) -> Navigator:
-        """Build the filter at its start; see `Navigator` for `marks`."""
-        return Navigator(
-            self.initial, self.model, self.gps, self.alignment, self.nominal, self.settings, marks, self.parts
-        )
+    def navigator(self, marks: Container[int] = (), record: Record | None = None) -> Navigator:
+        """Build the filter at its start; see `Navigator` for `marks` and `record`."""
+        begin = self.initial, self.model, self.gps, self.alignment, self.nominal, self.settings
+        return Navigator(*begin, marks, self.parts, record)
 
     def unbroken_until(self, time: float) -> float:
         """Return the end of the part of the record around a time [s]."""
@@ -182,16 +182,21 @@ def prepare(
     start: Start | None = None,
     static_span: tuple[float, float] | None = None,
     heading: float | None = None,
+    nominal: float | None = None,
+    as_given: bool = False,
 ) -> Prepared:
-    """Prepare a recording for the filter, and align; see `navigate_recording`."""
+    """Prepare a recording for the filter, and align; see `navigate_recording`.
+
+    `nominal`: sampling interval, by default from the samples [s]. `as_given`: estimate no noise.
+    """
     imu, faults = inspect(imu)
     _check(imu, gps, start)
     reported = bool(np.isfinite(gps.position_sd).all())
     gps, notes = with_sd(gps)
     gps, frozen = without_frozen(gps, imu)
-    settings, found = _noise_of_fixes(imu, gps, settings, reported=reported)
+    settings, found = (settings, []) if as_given else _noise_of_fixes(imu, gps, settings, reported=reported)
     model = error_model(spec, states)
-    nominal = strapdown.nominal_interval(imu.time)
+    nominal = nominal or strapdown.nominal_interval(imu.time)
     good = good_fixes(replace(gps, time=gps.time - settings.delay), settings.gates) if start is None else gps
     if start is None and (false := count_false_start(good)):
         left_out = Finding.of(Code.ALIGN_FALSE_START, good.time[0], good.time[false], subject="gps", count=false)
@@ -229,7 +234,7 @@ def prepare(
     if settings.fixed_height_sd > 0.0:
         level = HeightAiding(np.array([initial.time]), initial.lla[2:], np.array([settings.fixed_height_sd]))
         settings = replace(settings, aiding=(level,))
-    settings = replace(settings, changes=rounding_changes(imu))
+    settings = replace(settings, changes=() if as_given else rounding_changes(imu))
     return Prepared(
         *(imu, gps, model, settings, alignment, initial, nominal, (*notes, *found)),
         faults=(*faults, *frozen, *of_parts[1:]),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 
@@ -11,12 +12,13 @@ from insnav.exceptions import InputError
 from insnav.filter.error_model import Layout, layout
 from insnav.filter.estimate import Estimate
 from insnav.filter.measurements.measurement import Measurement
+from insnav.filter.poses import on_grid, poses_of
 from insnav.filter.settings import FilterSettings
 from insnav.filter.smoother import SmoothedErrors
 from insnav.findings import Code, Finding, by_time
 from insnav.kernels import epoch
 from insnav.kernels.dynamics import NAV
-from insnav.kernels.errorstate import SENSOR, STATES, Outputs, feed_back, move_along
+from insnav.kernels.errorstate import SENSOR, STATES, Outputs, feed_back, move_along, move_by_motion
 from insnav.kernels.output import add_moved, deviations, moved, sides
 from insnav.kernels.smoother import correct
 from insnav.strapdown import TIME_TOLERANCE
@@ -45,7 +47,8 @@ ROWS = 1 << 13  # outputs converted at a time: they fit in the processor's cache
 class Record:
     """Growing record of outputs, epochs, fixes and events."""
 
-    def __init__(self, fixes: int) -> None:
+    def __init__(self, fixes: int, rate_sd: FloatArray | None = None) -> None:
+        self._rate_sd = rate_sd  # (3,) of the gyros, if poses are wanted [rad/s]
         self._rooms: list[Outputs] = []
         self._epochs, self._epoch = np.empty((fixes + 2, 26)), 0  # time, variances before and after, delay
         self._events: list[Finding] = []
@@ -53,13 +56,14 @@ class Record:
         self._count = 0
         self._fixes = spill.empty((fixes, epoch.FIX_WIDTH))
 
-    def reserve(self, rows: int, grid: FloatArray) -> Outputs:
-        """Provide space for `rows` more outputs at the times of a `grid`, see there."""
+    def reserve(self, rows: int, grid: FloatArray, wanted: FloatArray) -> Outputs:
+        """Provide space for `rows` more outputs at the times of a `grid` and at `wanted` epochs, see there."""
         if not self._rooms or self._rooms[-1].time.shape[0] < self._rooms[-1].used[0] + rows:
             size = max(ROOM, rows)
-            time, state, motion = np.split(spill.empty((17 * size,)), [size, 11 * size])
+            time, aim, state, motion = np.split(spill.empty((18 * size,)), [size, 2 * size, 12 * size])
             used, known = np.zeros(2, np.int64), np.empty(size, np.int64)
-            self._rooms.append(Outputs(grid, used, time, state.reshape(size, 10), known, motion.reshape(size, 6)))
+            table = time, aim, state.reshape(size, 10), known, motion.reshape(size, 6)
+            self._rooms.append(Outputs(grid, wanted, used, *table))
         return self._rooms[-1]
 
     def epoch(self, time: float, estimate: Estimate) -> None:
@@ -112,18 +116,21 @@ class Record:
         change: Callable[[FloatArray, FloatArray], None],
         common: tuple[float, float, FloatArray],
         last: bool,
-    ) -> Trajectory:
-        """Build a trajectory of the outputs with roll, pitch, heading and standard deviations.
+    ) -> tuple[Trajectory, FloatArray]:
+        """Build a trajectory of the outputs with roll, pitch, heading and standard deviations. Also rates (n, 3).
 
         `epochs` (m,) [s]. `variance`: before and after these, see `variances`. `change`: modifies states (n, 10) at
         times (n,) in place. `common`: clock shift of the times and its standard deviation [s], and standard deviations
         (3,) common to all attitudes [rad]. Misalignment is filter noise, not a state, but does not average out. These
         sds describe the rotation between sensor axes and IMU. `last`: outputs are not needed again.
+
+        Rows for epochs are moved there, by the clock shift found meanwhile, at constant rate and acceleration.
         """
         clock, delay_sd, axes_sd = common
         (rows, some), begin, first = np.sum([room.used for room in self._rooms], axis=0).tolist(), 0, 0
         time, known = spill.empty((rows,)), spill.empty((some,), np.int64)
         lla, v_n, rph = (spill.empty((rows, 3)) for _ in range(3))
+        rates = spill.empty((0 if self._rate_sd is None else rows, 3))
         sd, found = spill.empty((rows, NAV)), spill.empty((some, NAV + 3))
         opposite, adjacent = np.empty((2, ROWS, 3))
         for number in range(len(self._rooms)):
@@ -131,12 +138,16 @@ class Record:
             for block in spill.blocks(int(room.used[0]), size=ROWS):
                 here, state, count = room.time[block], room.state[block].copy(), block.stop - block.start
                 change(here, state)
+                own = slice(*np.searchsorted(room.known[: room.used[1]], [block.start, block.stop]))
+                at = room.known[own] - block.start
+                to = np.where(np.isnan(room.aim[block]), here + clock, room.aim[block])
+                move_by_motion(state, at, room.motion[own], (to - here - clock)[at])
                 part, begin = slice(begin, begin + count), begin + count
                 sides(state, opposite, adjacent)
                 np.arctan2(opposite[:count], adjacent[:count], out=rph[part])
-                time[part], lla[part], v_n[part] = here + clock, state[:, :3], state[:, 3:6]
-                own = slice(*np.searchsorted(room.known[: room.used[1]], [block.start, block.stop]))
-                at = room.known[own] - block.start
+                time[part], lla[part], v_n[part] = to, state[:, :3], state[:, 3:6]
+                if rates.size:
+                    rates[part][at] = room.motion[own, :3]
                 between = _between(here[at], epochs, *variance)
                 add_moved(state, at, room.motion[own], delay_sd, between)
                 part, first = slice(first, first + len(at)), first + len(at)
@@ -147,7 +158,7 @@ class Record:
             first = int(known[before.start]) if before.start else 0
             part = slice(first, int(known[block.stop - 1]) + 1 if block.stop < some else None)
             deviations(time[part], known[before] - first, found[before], axes_sd, rph[part], sd[part])
-        return Trajectory(time, lla, v_n, rph, sd)
+        return Trajectory(time, lla, v_n, rph, sd), rates
 
     def finish(
         self,
@@ -164,7 +175,7 @@ class Record:
         at, fixes = layout(settings), self._fixes[: self._count]
         time, state = fixes[:, epoch.FIX_TIME].copy(), fixes[:, epoch.FIX_STATE].copy()
         fix_covariance = fixes[:, epoch.FIX_COVARIANCE].reshape(-1, NAV, NAV)
-        if not any(room.used[0] for room in self._rooms):
+        if np.ptp(self._epochs[: self._epoch, 0]) == 0.0:
             raise InputError("align.no_sample_after_start")
         innovations = Innovations(
             *(time, -fixes[:, epoch.FIX_INNOVATION], fixes[:, epoch.FIX_SD].copy()),
@@ -177,7 +188,7 @@ class Record:
         if clock != 0.0:  # the offset estimated at that time shifted the state along its velocity
             move_along(state, clock - fixes[:, epoch.FIX_DELAY])
         epochs, self._epochs = np.asfortranarray(self._epochs[: self._epoch]), self._epochs[:0]
-        filtered = self._trajectory(
+        filtered, rates = self._trajectory(
             epochs[:, 0],
             (epochs[:, 1:13], epochs[:, 13:25]),
             lambda time, state: move_along(state, clock - epochs[_before(time, epochs[:, 0]), 25]),
@@ -191,7 +202,7 @@ class Record:
             rows = np.searchsorted(time, found.time[found.used] - 1e-6)
             moved = _moved(state[rows], delay_sd)
             both = np.ascontiguousarray(found.covariance[:, [*range(NAV), 6, 6, 7], [*range(NAV), 7, 8, 8]])
-            track = self._trajectory(
+            track, rates = self._trajectory(
                 found.time,
                 (both, both),
                 lambda time, state: correct(time, state, found.time, found.after, found.before),
@@ -201,13 +212,22 @@ class Record:
             smoothed = _smoothed(track, found, clock, moved)
         sensor, variance = fixes[:, epoch.FIX_SENSOR], fixes[:, epoch.FIX_VARIANCE]
         spill.release()
+        states = Epochs(time + clock, state[:, :3], state[:, 3:6], state[:, 6:10], fix_covariance)
+        poses = None
+        if self._rate_sd is not None:
+            best, known = (filtered, states) if smoothed is None else (smoothed.solution, smoothed.epochs)
+            poses = poses_of(best, rates, known, settings.epochs, settings.point_b, self._rate_sd)
+            grid = on_grid(filtered.time, settings.output_interval)
+            filtered = filtered.rows(grid)
+            smoothed = smoothed and replace(smoothed, solution=smoothed.solution.rows(grid))
         return Run(
             solution=filtered,
+            poses=poses,
             innovations=innovations,
             sensor_errors=SensorErrors(time + clock, sensor.copy(), np.sqrt(variance)),
             events=by_time(self._events),
             alignment=alignment,
-            epochs=Epochs(time + clock, state[:, :3], state[:, 3:6], state[:, 6:10], fix_covariance),
+            epochs=states,
             gps_delay=settings.delay + delay,
             gps_delay_sd=delay_sd,
             smoothed=smoothed,

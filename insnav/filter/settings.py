@@ -37,6 +37,8 @@ class FilterSettings:
     correlated: CorrelatedNoise | None = None  # time-correlated part of the position error; three more states
     mounting_yaw: float = 0.0  # of the IMU in the vehicle, to the right [rad]; see `insnav.alignment.mounting`
     output_interval: float = 0.1  # of the solution [s]; 0 for every sample
+    epochs: FloatArray = field(default_factory=lambda: np.empty(0))  # further epochs of the solution, increasing [s]
+    point_b: FloatArray | None = None  # point of the poses seen from the IMU, body axes, (3,) [m]
     gates: Gates = field(default_factory=Gates)
     heading_sd: float = 0.0  # of the heading with the fixes, for example of two antennas [rad]; zero: unused
     fixed_height_sd: float = 0.0  # height constraint about the first fix [m]; zero: none
@@ -47,3 +49,8 @@ class FilterSettings:
     changes: tuple[StateChange, ...] = ()  # in order of time; see `insnav.explain.explanation`
     false: BoolArray | None = None  # (2, n) positions and velocities to exclude, by the same module
     rough: tuple[Rough, ...] = ()  # intervals with larger time-correlated position errors, by the same module
+
+    @property
+    def with_poses(self) -> bool:
+        """Return whether poses are wanted: the solution at `epochs`, of `point_b`."""
+        return self.epochs.size > 0 or self.point_b is not None

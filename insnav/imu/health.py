@@ -18,8 +18,9 @@ from insnav.kernels.increments import glance
 from insnav.tabular import runs_of
 from insnav.types import BoolArray, FloatArray, ImuData, IntArray
 
-SPIKE_GYRO, SPIKE_ACCEL = 1.5, 9.5  # a smaller jump of one sample is harmless [rad/s], [m/s^2]
+SPIKE_GYRO, SPIKE_ACCEL = 1.5, 9.5  # a smaller jump must stand alone: vibration moves several axes [rad/s], [m/s^2]
 SPIKE_FACTOR = 12.0  # multiple of the usual change from sample to sample
+RETURN, QUIET, BESIDE = 0.25, 4.0, 4  # relative difference of jump and return; usual changes of other axes; samples
 CLIPPED = 3  # successive samples at the largest value that mark the end of the range
 STUCK = 20  # least number of successive equal samples of a stuck sensor ...
 STUCK_TIME = 0.5  # ... and least duration [s]
@@ -53,9 +54,9 @@ def inspect(imu: ImuData) -> tuple[ImuData, list[Finding]]:
     change = _changes(values)
     spikes = _spikes(values, change)
     if spikes[0].size:
-        for row, axis in zip(*spikes, strict=True):
+        for row, axis, limit in zip(*spikes, strict=True):
             mean = 0.5 * (values[row - 1, axis] + values[row + 1, axis])
-            events.append(_spike(float(imu.time[row]), axis, float(values[row, axis] - mean)))
+            events.append(_spike(float(imu.time[row]), axis, float(values[row, axis] - mean), float(limit)))
             values[row, axis] = mean
         change = _changes(values)
     # of the original samples: division by intervals would make equal increments differ
@@ -110,18 +111,18 @@ def inspect(imu: ImuData) -> tuple[ImuData, list[Finding]]:
     return replace(imu, gyro=gyro, accel=accel).rows(~lost), events
 
 
-def _spike(time: float, axis: int, size: float) -> Finding:
+def _spike(time: float, axis: int, size: float, limit: float) -> Finding:
     """Report a jump of one sample of an axis by `size` [rad/s], [m/s^2]."""
     if axis < 3:
-        return Finding.of(Code.IMU_SPIKE, time, subject=_AXES[axis], rate_rad_s=size, limit_rad_s=SPIKE_GYRO)
-    return Finding.of(Code.IMU_SPIKE, time, subject=_AXES[axis], acceleration_m_s2=size, limit_m_s2=SPIKE_ACCEL)
+        return Finding.of(Code.IMU_SPIKE, time, subject=_AXES[axis], rate_rad_s=size, limit_rad_s=limit)
+    return Finding.of(Code.IMU_SPIKE, time, subject=_AXES[axis], acceleration_m_s2=size, limit_m_s2=limit)
 
 
 def _plain(imu: ImuData, scale: FloatArray | float) -> bool:
     """Return whether the samples need no inspection: no spike, no value three times in a row, no constant axis."""
     head = slice(1 << 16)
     some = np.hstack([imu.gyro[head], imu.accel[head]]) / (scale if isinstance(scale, float) else scale[head])
-    each, limit = np.broadcast_to(scale, (imu.time.shape[0], 1)), _far(_changes(some))
+    each, limit = np.broadcast_to(scale, (imu.time.shape[0], 1)), SPIKE_FACTOR * _usual(_changes(some))
     largest = change = np.zeros(6)
     for block in spill.blocks(imu.time.shape[0], before=2):
         # copied: broadcast arrays are read-only and would compile another kernel
@@ -132,10 +133,10 @@ def _plain(imu: ImuData, scale: FloatArray | float) -> bool:
     return not (change <= CONSTANT * largest).any()
 
 
-def _far(change: FloatArray) -> FloatArray:
-    """Compute the change between samples that may be a spike, by axis."""
-    usual = np.median(change[: (1 << 16) - 1], axis=0)
-    return np.asarray(np.maximum(np.array([SPIKE_GYRO] * 3 + [SPIKE_ACCEL] * 3), SPIKE_FACTOR * usual))
+def _usual(change: FloatArray) -> FloatArray:
+    """Compute the usual change between samples by axis, at least the resolution."""
+    some = change[: (1 << 16) - 1]
+    return np.asarray(np.maximum(np.median(some, axis=0), np.min(some, axis=0, where=some > 0.0, initial=SPIKE_ACCEL)))
 
 
 def _changes(values: FloatArray) -> FloatArray:
@@ -143,17 +144,28 @@ def _changes(values: FloatArray) -> FloatArray:
     return spill.by_blocks(lambda after, before: np.abs(after - before), values[1:], values[:-1])
 
 
-def _spikes(values: FloatArray, change: FloatArray) -> tuple[IntArray, IntArray]:
-    """Find rows and axes of single samples far from both neighbours, which agree."""
-    limit = _far(change)
+def _spikes(values: FloatArray, change: FloatArray) -> tuple[IntArray, IntArray, FloatArray]:
+    """Find rows and axes of single samples far from both neighbours, which agree; with the limit of such changes.
+
+    Smaller jumps count only if this axis is quiet around the sample, and the other axes are at it.
+    """
+    usual = _usual(change)
+    limit = SPIKE_FACTOR * usual
     row, axis = np.nonzero(
         spill.by_blocks(lambda one, next_one: (one > limit) & (next_one > limit), change[:-1], change[1:])
     )
     before, after = values[row + 1, axis] - values[row, axis], values[row + 2, axis] - values[row + 1, axis]
     # jump and return are of similar size
     out = np.minimum(np.abs(before), np.abs(after))
-    found = (before * after < 0.0) & (np.abs(before + after) < 0.25 * out)
-    return row[found] + 1, axis[found]
+    found = (before * after < 0.0) & (np.abs(before + after) < RETURN * out)
+    row, axis, out = row[found], axis[found], out[found]
+    around = row[:, None] + np.array([*range(-BESIDE, 0), *range(2, 2 + BESIDE)])
+    calm = change[np.clip(around, 0, len(change) - 1), axis[:, None]].max(axis=1, initial=0.0) < RETURN * out
+    others = change[row[:, None] + np.arange(2)] < QUIET * usual
+    others[np.arange(len(row)), :, axis] = True
+    large = out > np.array([SPIKE_GYRO] * 3 + [SPIKE_ACCEL] * 3)[axis]
+    found = large | (calm & others.all(axis=(1, 2)))
+    return row[found] + 1, axis[found], limit[axis[found]]
 
 
 @dataclass(frozen=True, slots=True)

@@ -101,7 +101,7 @@ def _kernels() -> tuple[tuple[tuple[Any, ...], ...], ...]:
         *5 * [d1],
         *(d1, d1, d1, d1, d2),
         *(d2, d2),
-        *(d1, i1, d1, d2, i1, d2),
+        *(d1, d1, i1, d1, d1, d2, i1, d2),
         (d2, d2, d2, d1, d2, d2, d1, d2),
     )
     assessment = (d1, d2, d1, *4 * [d2], i, flag, d, d, d, i1, d1, d2, d2, d2, d1)
@@ -144,7 +144,8 @@ def _kernels() -> tuple[tuple[tuple[Any, ...], ...], ...]:
         ((alignment.joined, d1, d1, d2, d2, d1, flag, i, i, d2),),
         ((alignment.mean_rotation, d3, d3, d1, d, d3, d2, d1),),
         ((increments.glance, d2, d2, d1, d1),),
-        ((errorstate.move_along, d2, d1), (alignment.window_scatter, d1, d2, d2, flag, *4 * [i], d3, d2)),
+        ((errorstate.move_along, d2, d1), (errorstate.move_by_motion, d2, i1, d2, d1)),
+        ((alignment.window_scatter, d1, d2, d2, flag, *4 * [i], d3, d2),),
         ((smoother.keep_measurement, d1, i, i, d1, d2, d2),),
         ((measurements.measurement_fault, d1, d2, d2), (measurements.fault_of, d2, d1)),
         ((epoch.fade, d1, i, d1, d1, d2, d2, d1), (epoch.note_epoch, d1, d, *3 * [d1], d2)),

@@ -1,4 +1,7 @@
-"""Filter epoch: the operations before and after the predict and the update of the filter, one call each."""
+"""Filter epoch: the operations before and after the predict and the update of the filter, one call each.
+
+`estimated` (67,) is the state of the filter besides its covariance: the slices `STATE` to `TILTED`.
+"""
 
 from __future__ import annotations
 
@@ -85,9 +88,9 @@ def beyond_linear(squares, heading, accel):  # type: ignore[no-untyped-def]
     corrections tilt the IMU, another axis becomes vertical, as if it had been measured (A. H. Jazwinski, "Stochastic
     Processes and Filtering Theory" (1970), section 9.3).
 
-    `squares` (3,): squared change of horizontal velocity in the span [m^2/s^2]; squared tilt corrections before it
-    [rad^2]; these times squared bias corrections [m^2/s^4]. `heading`, `accel`: variances of heading and of all biases
-    at the start of the span [rad^2], [m^2/s^4].
+    `squares` (3,): squared change of horizontal velocity in the span [m^2/s^2], squared tilt corrections before it
+    [rad^2], and their product with squared bias corrections [m^2/s^4]. `heading`, `accel`: variances of heading and of
+    all biases at the start of the span [rad^2], [m^2/s^4].
     """
     part = 0.75 * heading**2
     if heading > 1e-3:  # below, the exact form is a small difference of large numbers

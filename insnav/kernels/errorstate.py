@@ -19,6 +19,7 @@ from insnav.kernels.mechanization import quaternion_step, rotation, step, within
 
 SENSOR = 12  # sensor errors
 STATES = NAV + SENSOR
+SAME_TIME = 1e-6  # epochs closer than this are equal [s]
 SUMS = 31  # time, specific force, C_nb, C_nb diag(w), C_nb diag(f), integrated over a sub-step
 
 
@@ -68,9 +69,13 @@ class Model(NamedTuple):
 class Outputs(NamedTuple):
     """Rows of the solution, and the time-ordered subset of rows for which standard deviations are computed."""
 
-    grid: np.ndarray  # (3,) next output time, output interval (0: every interval), origin of the grid [s]
-    used: np.ndarray  # (2,) rows filled in the first two arrays and in the last two
+    # (3,) next epoch of the grid, its interval (0: every interval; -1: also with the motion) [s], number of the next of
+    # the `wanted` epochs
+    grid: np.ndarray
+    wanted: np.ndarray  # (k,) further epochs, increasing [s]
+    used: np.ndarray  # (2,) rows filled in the first three arrays and in the last two
     time: np.ndarray  # (m,) [s]
+    aim: np.ndarray  # (m,) epoch for which the row was made; NaN: its time [s]
     state: np.ndarray  # (m, 10)
     known: np.ndarray  # (m,) number of the row
     motion: np.ndarray  # (m, 6) motion at these rows, as in `Carried`
@@ -257,8 +262,10 @@ def propagate(  # type: ignore[no-untyped-def]
     phi,
     q,
     grid,
+    wanted,
     used,
     out_time,
+    out_aim,
     out_state,
     known,
     out_motion,
@@ -320,7 +327,6 @@ def propagate(  # type: ignore[no-untyped-def]
             for i in range(3):
                 q[3 + i, 3 + i] += min(gap_noise[1] * gap[k] ** 2, gap_noise[3]) ** 2 * h / gap[k]
                 q[6 + i, 6 + i] += min(gap_noise[0] * gap[k] ** 2, gap_noise[2]) ** 2 * h / gap[k]
-        due = time[k] >= grid[0] - 1e-9
         full = span[0] >= limit[1] - 1e-9
         ends = full or sums[0] >= limit[0] - 1e-9 or (close and k == last - 1)
         if ends:
@@ -333,11 +339,17 @@ def propagate(  # type: ignore[no-untyped-def]
             if resting:
                 sums[1] = sums[2] = 0.0
             _substep(x, sums, noise, phi, q, work, stays, sway[row] if stays else none)
-        if due or grid[1] == 0.0:
-            out_time[used[0]] = time[k]
+        at_all = grid[1] <= 0.0
+        while True:
+            further = wanted[int(grid[2])] if grid[2] < wanted.shape[0] else np.inf
+            aim = min(grid[0], further)
+            due = aim <= time[k] + SAME_TIME
+            if not (due or at_all):
+                break
+            out_time[used[0]], out_aim[used[0]] = time[k], aim if due else np.nan
             for i in range(10):  # element by element: assigning slices takes seconds to compile
                 out_state[used[0], i] = x[i]
-            if due or ends:
+            if due or ends or grid[1] < 0.0:
                 known[used[1]] = used[0]
                 for i in range(3):
                     out_motion[used[1], i] = motion[i]
@@ -347,8 +359,12 @@ def propagate(  # type: ignore[no-untyped-def]
                 out_motion[used[1], 5] = (x[5] - vd) * rate
                 used[1] += 1
             used[0] += 1
-        if due and grid[1] > 0.0:
-            grid[0] = grid[2] + (np.floor((time[k] - grid[2]) / grid[1] + 1e-6) + 1.0) * grid[1]
+            if due and further <= aim + SAME_TIME:
+                grid[2] += 1.0
+            if not due or (at_all and aim >= time[k] - SAME_TIME):
+                break
+            if grid[0] <= aim + SAME_TIME:  # further epochs of the grid in this interval have no row
+                grid[0] = (max(np.floor((time[k] + SAME_TIME) / grid[1]), np.round(grid[0] / grid[1])) + 1.0) * grid[1]
         if full and not (close and k == last - 1):
             return k + 1
     return last
@@ -395,6 +411,25 @@ def feed_back(x, correction, error):  # type: ignore[no-untyped-def]
         x[i] /= norm
     for i in range(SENSOR):
         correction[i] -= error[NAV + i]
+
+
+@njit(cache=True)
+def move_by_motion(state, rows, motion, seconds):  # type: ignore[no-untyped-def]
+    """Move `rows` (m,) of the states by `seconds` (m,) at constant rate and acceleration, `motion` (m, 6), in place."""
+    for m in range(rows.shape[0]):
+        s, x = seconds[m], state[rows[m]]
+        if abs(s) < SAME_TIME:
+            continue
+        rm, rn = radii(np.sin(x[0]))
+        an, ae, ad = 0.5 * s * motion[m, 3], 0.5 * s * motion[m, 4], 0.5 * s * motion[m, 5]
+        east_by, north_by = 1.0 / ((rn + x[2]) * np.cos(x[0])), 1.0 / (rm + x[2])
+        wn, we = x[4] / (rn + x[2]), -x[3] * north_by
+        north, down = OMEGA * np.cos(x[0]) + wn, -(OMEGA + x[4] * east_by) * np.sin(x[0])
+        x[1] = within_turn(x[1] + s * (x[4] + ae) * east_by)
+        x[0] += s * (x[3] + an) * north_by
+        x[2] -= s * (x[5] + ad)
+        x[3], x[4], x[5] = x[3] + 2.0 * an, x[4] + 2.0 * ae, x[5] + 2.0 * ad
+        quaternion_step(x, s * north, s * we, s * down, s * motion[m, 0], s * motion[m, 1], s * motion[m, 2])
 
 
 @njit(cache=True)

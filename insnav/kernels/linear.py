@@ -1,19 +1,26 @@
 """Linear error model of one filter run at epoch rate, on which faults are searched.
 
-The states are navigation errors (9), sensor errors (12), further errors that may act on navigation, others, and nine
-fault states at the end: offset of the positions (3), drift of that offset (3) and offset of the velocities (3). Errors
-are estimate minus truth:
-    e_k = F_k e_{k-1} + w_k,  z_k = H_k e_k + v_k.
-Functions take the same groups of arrays, for m epochs and n states, up to `WIDE`:
-    system: span (m,) [s]; phi (m, 9, s), the rows of navigation errors of F by the first s states, 21 or more;
-        fade (m, n), its diagonal in the other rows; q (m, 9, 9), noise of the navigation errors, symmetric; qd (m, n),
-        noise variances of the others, of which those of sensor errors j covary with navigation errors i by
-        qd_j phi_ij / 2; cleared (m,) int, bits `NO_POSITION` and `NO_VELOCITY`: rows of F of these fault states are
-        zero.
-    measured: z (m, 6); h (m, 6, n); var (m, 6), variance of the white noise, not positive where nothing was measured;
-        fed (m, n), error that the filter took off its state after the measurement.
-    out: innovation (m, 6) and variance (m, 6), -1 where nothing was measured; gain (m, 6, n); mean (m, 9) and rows of
-        the covariance (m, 9, n) of the navigation errors just before the measurement.
+The states are navigation errors (9), sensor errors (12), further errors that may act on navigation, and others. The
+last nine are fault states: offset of the positions (3), drift of this offset (3), offset of the velocities (3).
+Errors are estimate minus truth: ``e_k = F_k e_{k-1} + w_k``, ``z_k = H_k e_k + v_k``.
+Functions take the same groups of arrays, for m epochs and n states, up to `WIDE`.
+
+- `system`:
+  - span (m,) [s];
+  - phi (m, 9, s), the rows of navigation errors of F, for the first s states (21 or more);
+  - fade (m, n), the diagonal of F in the other rows;
+  - q (m, 9, 9), noise of the navigation errors, symmetric;
+  - qd (m, n), noise variances of the others; sensor error j covaries with navigation error i by ``qd_j phi_ij / 2``;
+  - cleared (m,) int, bits `NO_POSITION` and `NO_VELOCITY`: the rows of F of these fault states are zero.
+- `measured`:
+  - z (m, 6); h (m, 6, n);
+  - var (m, 6), variance of the white noise, not positive if nothing was measured;
+  - fed (m, n), error that the filter subtracted from its state after the measurement.
+- `out`:
+  - innovation (m, 6) and variance (m, 6), -1 if nothing was measured;
+  - gain (m, 6, n);
+  - mean (m, 9) and rows of the covariance (m, 9, n) of the navigation errors just before the measurement.
+
 Components of a measurement are processed one after the other, and change matrices by threes. Rows are padded by
 zeros. The covariance of states that are known exactly at the end, as faults before they begin, is not touched.
 """
@@ -71,7 +78,7 @@ def inner_product(x, i, y, k, blocks):  # type: ignore[no-untyped-def]
 
 @inner()
 def read_transition(system, k, f, ft, d):  # type: ignore[no-untyped-def]
-    """Read F: rows of navigation into `f` and its transpose `ft`, the diagonal into `d`; return what drifts act by."""
+    """Read F: rows of navigation into `f` and its transpose `ft`, the diagonal into `d`. Return the span of drifts."""
     span, phi, fade, _q, _qd, cleared = system
     n = fade.shape[1]
     for i in range(NAV):
@@ -108,7 +115,7 @@ def propagate_back(y, i, x, x9, c, d, drift, f9, short, n):  # type: ignore[no-u
 
 @inner(forceinline=True)
 def move_drift(p, i, a, d, drift, columns):  # type: ignore[no-untyped-def]
-    """Replace state `i` in symmetric `p`, as row and as column, by what is kept of it plus `drift` times state `a`."""
+    """Replace state `i` in symmetric `p`, as row and as column, by ``d[i]`` times it plus `drift` times state `a`."""
     for j in range(columns):
         p[i, j] = d[i] * p[i, j] + drift * p[a, j]
     p[i, i] = d[i] * p[i, i] + drift * p[i, a]
@@ -131,8 +138,8 @@ def close_loop(x, c, by, along):  # type: ignore[no-untyped-def]
 def forward(system, measured, start, jumps, out):  # type: ignore[no-untyped-def]
     """Run the filter, fill `out`, and return -2 log likelihood without its constant.
 
-    `start`: mean (n,) and covariance (n, n) just before the measurement of epoch 0; `jumps`: epochs (j,) int in
-    ascending order, and columns (j, n, 3): J J' is added to the covariance just before the measurement of that epoch.
+    `start`: mean (n,) and covariance (n, n) just before the measurement of epoch 0. `jumps`: epochs (j,) int in
+    ascending order, and columns J (j, n, 3). J J' is added to the covariance just before the measurement of the epoch.
     """
     (z, h, var, fed), (q, qd), (row, jump) = measured, system[3:5], jumps
     innovation, variance, gain, mean_nav, p_nav = out
@@ -200,7 +207,7 @@ def forward(system, measured, start, jumps, out):  # type: ignore[no-untyped-def
                     if by != 0.0:
                         for j in range(wide):
                             ph[c, j] += by * p[a, j]
-                for b in range(c):  # less what the components before have told
+                for b in range(c):  # minus the part explained by earlier components
                     by = inner_product(hs9, c, ph9, b, blocks)
                     for j in range(wide):
                         ph[c, j] -= by * ph[b, j]
@@ -222,11 +229,11 @@ def forward(system, measured, start, jumps, out):  # type: ignore[no-untyped-def
 
 @njit(cache=True, nogil=True)
 def backward(system, measured, out, r, info, u, uu):  # type: ignore[no-untyped-def]
-    """Run the adjoint smoother: what a step of the state at each epoch adds to the log likelihood.
+    """Run the adjoint smoother: effect of a step of the state at each epoch on the log likelihood.
 
-    Fills score `r` (m, n) and information `info` (m, n, n) just before the measurement of each epoch: the smoothed
+    Fills score `r` (m, n) and information `info` (m, n, n) just before the measurement of each epoch. The smoothed
     error is mean + P r with covariance P - P info P. Fills for each component the smoothing error `u` (m, 6) and its
-    variance `uu` (m, 6): the smoothed residual is var * u, with variance var - var^2 uu. Sources: P. de Jong and
+    variance `uu` (m, 6). The smoothed residual is var * u, with variance var - var^2 uu. Sources: P. de Jong and
     J. Penzer, "Diagnosing shocks in time series", J. Am. Stat. Assoc. 93 (1998) 796-806; J. Durbin and S. J. Koopman,
     Time Series Analysis by State Space Methods, 2nd ed., Oxford 2012, ch. 4 and 6.4.
     """
@@ -299,7 +306,7 @@ def backward(system, measured, out, r, info, u, uu):  # type: ignore[no-untyped-
 
 @inner()
 def combine(g, info, y):  # type: ignore[no-untyped-def]
-    """Fill rows of `y` with those of g' info, for `g` (n, d) and `info` (n, n)."""
+    """Fill rows of `y` with the rows of g' info, for `g` (n, d) and `info` (n, n)."""
     n, size = g.shape
     for c in range(size):
         y[c] = 0.0
@@ -313,8 +320,8 @@ def combine(g, info, y):  # type: ignore[no-untyped-def]
 def cross_backward(system, measured, out, info_b, b, g, first):  # type: ignore[no-untyped-def]
     """Return cross information (m, d, d) of steps along `g` (n, d), d up to 9, at epochs `first` to `b` with `b`.
 
-    With L the closed-loop transition from just before the measurement of epoch a to that of b, and `info_b` (n, n) the
-    information at b, entry a is g' L' info_b g; entries of other epochs are zero.
+    Entry a is g' L' info_b g, other epochs are zero. L is the closed-loop transition from epoch a to epoch b, both just
+    before the measurement. `info_b` (n, n): information at b.
     """
     (n, size), d, short = g.shape, np.zeros(WIDE), system[1].shape[2]
     (x, x_by), (y, _), (f, _), (ft, _) = make_rows(NAV), make_rows(NAV), make_rows(NAV), make_rows(WIDE)

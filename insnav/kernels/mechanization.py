@@ -66,8 +66,8 @@ def polar_step(x, dt, un, ue, ud, px, py, pz, north, hold, height, v_down):  # t
     Notes
     -----
     Groves (2013) section 5.3, Earth-frame equations, without transport rate and its tangent of the latitude. The end of
-    the step converts the state to North, East, Down there: latitude and height along the ellipsoid normal half-way,
-    with third-order errors in the angle travelled; longitude by an arctangent. The rotation of the axes,
+    the step converts the state to North, East, Down there. Latitude and height follow the ellipsoid normal half-way,
+    with third-order errors in the angle travelled. Longitude is an arctangent. The rotation of the axes,
     ``q_y(lat1 + pi/2) q_z(lon0 - lon1) q_y(-lat0 - pi/2)``, is expanded so that it is exactly zero at rest.
     """
     lat, lon, h = x[0], x[1], x[2]

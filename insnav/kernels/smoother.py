@@ -134,12 +134,13 @@ def backward(  # type: ignore[no-untyped-def]
 ):
     """Propagate the adjoint backwards through some epochs, and compute the smoothed errors there.
 
-    `history` (m, width(n)): epochs in order of time. `least`: for `less_sure`. `adjoint` (n,), `information` (n, n):
-    after the last epoch, zero at the end of the record. On return: after the epoch before the first. Filled: `after`,
-    `before` (m, 21): smoothed error of the filter's state after and before the measurement. `covariance` (m, 9, 9) of
-    smoothed position, velocity and attitude, as in `at_fix_time`. `variance` (m, 12) of the smoothed sensor errors.
-    `innovations` (m, 25), at fixes, else ``NaN``: predicted minus measured and variance of the prediction, of the
-    filter (0 to 11) and smoothed (12 to 23). Column 24: the filter's variance of attitude about Down.
+    `history` (m, width(n)): epochs in order of time. `least`: smallest sd of the delay [s]. `adjoint` (n,),
+    `information` (n, n): after the last epoch, zero at the end of the record. On return: after the epoch before the
+    first. Filled: `after`, `before` (m, 21): smoothed error of the filter's state after and before the measurement.
+    `covariance` (m, 9, 9) of smoothed position, velocity and attitude, as in `at_fix_time`. `variance` (m, 12) of the
+    smoothed sensor errors. `innovations` (m, 25), at fixes, else ``NaN``: predicted minus measured, and variance of the
+    prediction. Columns 0 to 11 are filtered, 12 to 23 smoothed. Column 24: the filter's variance of attitude about
+    Down.
     """
     p, part, kept, lines = np.zeros((n, n)), np.zeros((n, n)), np.zeros((n, n)), np.zeros((4, n))
     h, hp, weight, by = np.zeros((6, n)), np.zeros((6, n)), np.zeros((6, n)), np.zeros((6, n))
@@ -172,8 +173,8 @@ def backward(  # type: ignore[no-untyped-def]
         for j in range(n):
             for i in range(m):
                 adjoint[j] += weight[i, j] * z[i]
-        # (I - K H)' information (I - K H) + H' S^-1 H = information + u w' + w u', symmetric, where w = S^-1 H
-        # and u = (w H P information P H' + H) / 2 - H P information
+        # `(I - K H)' information (I - K H) + H' S^-1 H = information + u w' + w u'`, symmetric, where `w = S^-1 H`
+        # and `u = (w H P information P H' + H) / 2 - H P information`
         _product(hp, information, m, by)
         for a in range(m):
             for c in range(m):

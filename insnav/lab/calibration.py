@@ -11,7 +11,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from importlib import import_module
 from pathlib import Path
-from typing import Any, Generic, Protocol, TypeVar, cast
+from typing import Any, Generic, Protocol, TypedDict, TypeVar, cast
 
 import numpy as np
 
@@ -48,6 +48,30 @@ PLACE = np.array([45.0 * DEG, 0.0, 0.0])  # its start: latitude [rad], longitude
 SAMPLES, SEED = 24, 1  # of the true errors
 TURN = 10.0 * DEG  # rate of its circle [rad/s]
 SPEED = 10.0  # on its circle [m/s]
+
+
+class BenchInputs(TypedDict, total=False):
+    """Keywords of `BenchOptions`."""
+
+    columns: Mapping[str, str] | None
+    spike_limit: float | None
+    gravity: float
+    gravity_source: str
+    name: str
+    keep: tuple[float, float] | None
+    intercepts: Mapping[str, float] | None
+    counts: bool
+    six: bool
+    sections: Mapping[str, tuple[int, int]] | str | Path | None
+    turn: float
+    axes: str | None
+    units: str | None
+    sampling: str | None
+    stamp: str | None
+    fall_mass: float
+    radius: float
+    mass: float
+    arm: float
 
 
 @dataclass(frozen=True, slots=True)

@@ -14,11 +14,15 @@ An error has its code as key in ``errors/<family>.<language>.toml``; the family 
 - ``why``: the evidence, with the decisive numbers;
 - ``fix``: recommended action of the user.
 
-A text holds values by name in braces, with a format: ``{delay_s:.3f s}`` (format, then the unit to convert to from SI),
-``{count:count fix|fixes}`` (number and noun), ``{count:plural fix|fixes}`` (noun alone), ``{delay_s:sign late|early}``
-(first word unless negative), ``{delay_s:abs .3f s}`` (without the sign), ``{axis:word}`` (a word of the table
-``[words]`` of either file, or several), ``{problems:lines}`` (each on a line of its own), ``{begin:moment}`` and
-``{span}`` (times of the record). ``{subject}`` is the subject. A part in double square brackets is left out where one
+A text holds values by name in braces, with a format:
+
+- ``{delay_s:.3f s}``: format, then the unit to convert to from SI;
+- ``{count:count fix|fixes}``: number and noun; ``{count:plural fix|fixes}``: noun alone;
+- ``{delay_s:sign late|early}``: first word unless negative; ``{delay_s:abs .3f s}``: without the sign;
+- ``{axis:word}``: a word of the table ``[words]`` of either file, or several;
+- ``{problems:lines}``: each on a line of its own; ``{begin:moment}``, ``{span}``: times of the record.
+
+``{subject}`` is the subject. A part in double square brackets is left out where one
 of its values is missing or not finite: ``[[ ± {delay_sd_s:.3f s}]]``. An error among the values, ``{cause}``, follows
 its location: ``what`` and ``why`` alone by ``{cause:reason}``, ``fix`` alone by ``{cause:fix}``. The table ``[form]``
 defines the punctuation of sentences, lists and spans in a language.
@@ -30,11 +34,11 @@ import math
 import os
 import re
 from collections import ChainMap
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass
-from functools import partial
+from functools import cache, lru_cache, partial
 from numbers import Real
 from string import Formatter
 from typing import Any, NamedTuple
@@ -45,6 +49,8 @@ from insnav.units import UNITS, shown_unit
 
 LANGUAGES = ("en", "zh")
 PARTS = ("title", "text", "done", "advice")
+_NUMBER = re.compile(r"\d+(?:\.\d+)?")  # it stands as # in the catalogue of pages
+_PROSE = re.compile(r"[a-z] [a-z]{2}|[a-z]{3}:")  # names of files, profiles and IMUs are single words
 _OPTIONAL = re.compile(r"\[\[(.*?)\]\]")
 _FORMATTER = Formatter()
 _SPOKEN = ContextVar("_SPOKEN", default="")  # language inside `speaking`, whatever the process language
@@ -155,6 +161,50 @@ def phrase(name: str, /, **values: Any) -> str:
     lang, (group, _, key) = language(), name.partition(".")
     how = _Form(lang, partial(moment, lang=lang), catalogue(lang)["words"])
     return _filled(catalogue(f"phrases.{lang}")[group][key], values, how)
+
+
+def translated(text: str) -> str:
+    """Translate a text of a page or of the help by ``page.<language>.toml``; names, numbers and units stay.
+
+    An entry is a whole text with ``#`` for each number, or a form with ``{}`` for each part, which is translated, too.
+    A text without an entry is translated part by part, between semicolons, colons or commas, if all parts have entries.
+    """
+    return _translated(plain_text.plain_text(text), language())
+
+
+@lru_cache(maxsize=4096)
+def _translated(text: str, lang: str) -> str:
+    words = catalogue(f"page.{lang}")["words"]
+    if not words or text in words:
+        return str(words.get(text, text))
+    name, bracket, unit = text.partition(" [") if text.endswith("]") else (text, "", "")
+    lowered = name[:1].lower() + name[1:]
+    key = next((key for key in (_NUMBER.sub("#", name), _NUMBER.sub("#", lowered)) if key in words), None)
+    if key is not None:
+        numbers = iter(_NUMBER.findall(name))
+        return re.sub("#", lambda _: next(numbers, "#"), words[key]) + bracket + unit
+    for pattern, wanted in _patterns(lang):
+        match = pattern.fullmatch(name) or pattern.fullmatch(lowered)
+        if match and (parts := _parts(match.groups(), lang)):
+            return f"{wanted.format(*parts)}{bracket}{unit}"
+    for mark in (each for each in ("; ", ": ", ", ", " and ") if each in name and each in words):
+        if (parts := _parts(own := name.split(mark), lang)) and parts != own:
+            return f"{words[mark].join(parts)}{bracket}{unit}"
+    return text
+
+
+def _parts(own: Sequence[str], lang: str) -> list[str]:
+    """Translate the parts of a text; return nothing if a part of several words has no translation."""
+    parts = [_translated(each, lang) for each in own]
+    return [] if any(a == b and _PROSE.search(a) for a, b in zip(own, parts, strict=True)) else parts
+
+
+@cache
+def _patterns(lang: str) -> list[tuple[re.Pattern[str], str]]:
+    """Return the forms of a language, longest first."""
+    forms = {key: wanted for key, wanted in catalogue(f"page.{lang}")["words"].items() if "{}" in key}
+    ordered = sorted(forms, key=lambda key: -len(key.replace("{}", "")))
+    return [(re.compile(re.escape(key).replace(r"\{\}", "(.+?)")), forms[key]) for key in ordered]
 
 
 def _filled(text: str, values: Mapping[str, Any], how: _Form) -> str:

@@ -19,7 +19,7 @@ FILE = "found.npz"
 _STRUCTURE = "structure"
 
 
-def store(found: object, file: Path) -> None:
+def store(result: object, file: Path) -> None:
     """Write a result; an array referenced several times is written once."""
     arrays: dict[int, np.ndarray] = {}
 
@@ -45,7 +45,7 @@ def store(found: object, file: Path) -> None:
             return {"error": value.as_dict()}
         return value.item() if isinstance(value, np.generic) else value
 
-    structure = json.dumps(plain(found)).encode()
+    structure = json.dumps(plain(result)).encode()
     content = {f"array_{i}": array for i, array in enumerate(arrays.values())}
     np.savez_compressed(file, **{_STRUCTURE: np.frombuffer(structure, np.uint8)}, **content)  # type: ignore[arg-type]
 

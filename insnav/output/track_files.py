@@ -1,6 +1,6 @@
-"""Trajectory in the formats of other programs: GPX, KML, GeoJSON, TUM, EuRoC, RTKLIB .pos, NMEA, ROS bag, CSV.
+"""Trajectory in the formats of other programs: GPX, KML, GeoJSON, TUM, EuRoC, .pos, NMEA, SBET, ROS bag, CSV.
 
-Times follow the format: UTC in GPX, GeoJSON, NMEA, bags and CSV, GPS time in .pos, nanoseconds in EuRoC.
+Times follow the format: UTC in GPX, GeoJSON, NMEA, bags and CSV, GPS time in .pos and SBET, nanoseconds in EuRoC.
 
 TUM files (``time x y z qx qy qz qw``) contain positions East, North, Up in the tangent plane at the first epoch. Their
 rotation is from body axes (Forward, Right, Down) to these axes. Poses of compared runs are the reference plus their
@@ -9,7 +9,7 @@ errors North, East, Down in metres. The distances between two files thus equal i
 References
 ----------
 ROS sensor_msgs, geometry_msgs and nav_msgs, noetic: message encoding. REP-103, REP-105 (axes: East, North, Up; Forward,
-Left, Up).
+Left, Up). Applanix POSPac: SBET of 17 and smrmsg of 10 doubles a record.
 """
 
 from __future__ import annotations
@@ -21,14 +21,17 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from html import escape
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pymap3d
 from numpy.typing import NDArray
 
 from insnav.attitude import dcm_from_quat, quat_from_dcm, quat_from_rph, quat_multiply
-from insnav.earth import quat_earth_from_level
+from insnav.earth import earth_from_lla, level_from_earth, quat_earth_from_level
 from insnav.exceptions import ConfigError
+from insnav.output.body_motion import body_motion
+from insnav.output.map_projection import UTM_SCALE, transverse_mercator, utm_zone
 from insnav.plain_text import plain_text
 from insnav.types import FloatArray, Trajectory
 from insnav.units import DEG
@@ -66,6 +69,14 @@ class Track:
         """Standard deviations of position and velocity, (n, 6); NaN if unknown."""
         sd = self.trajectory.sd
         return np.full((len(self.trajectory.time), 6), np.nan) if sd is None else sd[:, :6]
+
+    @property
+    def of_week(self) -> FloatArray:
+        """Seconds of the GPS week of the first row, if the date is known, else the times [s], (n,)."""
+        if self.gps is None:
+            return self.trajectory.time
+        since = (self.gps - np.datetime64("1980-01-06")) / np.timedelta64(1, "s")
+        return np.asarray(since - since[0] // 604800.0 * 604800.0)
 
     def instants(self, of: str) -> NDArray[np.datetime64]:
         """Return instants in ``utc`` or ``gps``.
@@ -191,11 +202,55 @@ def nmea(track: Track) -> str:
     return "".join(f"${line}*{_checksum(line):02X}\r\n" for line in lines)
 
 
-def csv(track: Track) -> str:
-    """Write columns of the solution, and UTC if known."""
+def sbet(track: Track) -> bytes:
+    """Write SBET: seconds of the GPS week if known, position, velocity, attitude, frame angle, acceleration, rate.
+
+    The angle of the level frame from North is zero: velocities are North, East, Down.
+    Accelerations are over ground and rates relative to the Earth, in body axes.
+    """
+    way = track.trajectory
+    rate, acceleration = body_motion(way)
+    lla = np.column_stack([track.degrees[:, :2] * DEG, way.lla[:, 2]])
+    columns = track.of_week, lla, way.v_n, way.rph, np.zeros(len(way.time)), acceleration, rate
+    return np.column_stack(columns).astype("<f8").tobytes()
+
+
+def smrmsg(track: Track) -> bytes:
+    """Write the RMS file of an SBET: time, standard deviations of position, velocity, attitude [arcmin]."""
+    sd = track.trajectory.sd
+    if sd is None:
+        raise ConfigError("output.no_sd", where="--to")
+    return np.column_stack([track.of_week, sd / ([1.0] * 6 + [DEG / 60.0] * 3)]).astype("<f8").tobytes()
+
+
+def utm(track: Track) -> str:
+    """Write CSV with UTM coordinates in the zone of the middle row, and the grid convergence.
+
+    Raises: ConfigError: beyond 84 deg North or 80 deg South, where UTM ends.
+    """
+    lla = track.trajectory.lla
+    if not (np.abs(lla[:, 0] - 2.0 * DEG) <= 82.0 * DEG).all():
+        raise ConfigError("output.beyond_utm", where="--to")
+    zone, south = utm_zone(*lla[len(lla) // 2, :2])
+    east, north, convergence = transverse_mercator(lla[:, 0], lla[:, 1] - (6.0 * zone - 183.0) * DEG)
+    names = {"easting_m": 500e3 + UTM_SCALE * east, "northing_m": 1e7 * south + UTM_SCALE * north}
+    grid = {"zone": np.full(len(lla), f"{zone}{'S' if south else 'N'}"), "convergence_deg": convergence / DEG}
+    return csv(track, {**names, **grid})
+
+
+def ecef(track: Track) -> str:
+    """Write CSV with Earth-centred, Earth-fixed position and velocity."""
+    way = track.trajectory
+    v_e = np.einsum("nji,nj->ni", level_from_earth(way.lla), way.v_n)
+    both = np.hstack([earth_from_lla(way.lla), v_e])
+    return csv(track, dict(zip(("x_m", "y_m", "z_m", "vx_m_s", "vy_m_s", "vz_m_s"), both.T, strict=True)))
+
+
+def csv(track: Track, more: Mapping[str, NDArray[Any]] | None = None) -> str:
+    """Write columns of the solution, UTC if known, and `more`."""
     import pandas as pd
 
-    table = pd.DataFrame(track.trajectory.columns())
+    table = pd.DataFrame({**track.trajectory.columns(), **(more or {})})
     if track.utc is not None:
         table["utc"] = [f"{instant}Z" for instant in np.datetime_as_string(track.utc, unit="us")]
     return str(table.to_csv(index=False, float_format="%.15g", lineterminator="\n"))
@@ -341,5 +396,5 @@ def _string(text: str) -> bytes:
 
 
 WRITERS: dict[str, Callable[[Track], str | bytes]] = {
-    each.__name__: each for each in (gpx, kml, geojson, tum, euroc, pos, nmea, bag, csv)
+    each.__name__: each for each in (gpx, kml, geojson, tum, euroc, pos, nmea, sbet, smrmsg, bag, csv, utm, ecef)
 }

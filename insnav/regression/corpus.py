@@ -1,10 +1,12 @@
 """Corpus file (``corpus.toml``): the drives of the accuracy evaluation, with samples, fixes and references.
 
 [[simulated]]                 # a motion profile with sensors sampled from the models, once a seed
+
 name = "city"
 profile = "city"              # name in the library next to the file, or a file
 imu = "consumer"
 gps = "single"                # preset or file
+
 lever_arm = ["0.8 m", "-0.3 m", "-1.2 m"]
 fault = ["gps-outage@220s+60s"]
 seeds = 16

@@ -129,8 +129,8 @@ class Measured:
     # (6, 3) at each of `GROWTH` the number of windows, the sum of squared horizontal errors [m^2], and the sum of
     # predicted variances [m^2]
     growth: FloatArray
-    # (8, 9, 2) mean squared error and mean stated variance per slice of N, E, D position [m], velocity [m/s], roll,
-    # pitch, heading [deg]; NaN if unknown
+    # (8, 9, 2) mean squared error and mean stated variance per slice, NaN if unknown. Columns: N, E, D position [m],
+    # N, E, D velocity [m/s], roll, pitch, heading [deg]
     spread: FloatArray
 
 

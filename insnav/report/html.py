@@ -5,8 +5,7 @@ from __future__ import annotations
 import base64
 import hashlib
 import json
-import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
 from importlib.util import find_spec
 from pathlib import Path
@@ -16,15 +15,13 @@ from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup
 
 from insnav.findings import catalogue
-from insnav.messages import language, phrase
-from insnav.plain_text import plain_text
+from insnav.messages import language, phrase, translated
 from insnav.report.page import Page, Section, Show, Table, cell, section_tables
 from insnav.report.panels import modes, panel_data
 from insnav.version import __version__
 
 _MEDIA = {".png": "image/png", ".svg": "image/svg+xml"}
 _TEMPLATES = Path(__file__).parent / "templates"
-_NUMBER = re.compile(r"\d+(?:\.\d+)?")  # it stands as # in the catalogue of words
 _BOKEH = ("bokeh.min.js", "bokeh-api.min.js")
 
 
@@ -44,22 +41,12 @@ def filled(template: str, **values: Any) -> str:
     return environment.get_template(template).render(**values, value=cell, phrase=phrase, modes=modes)
 
 
-def translated(text: str) -> str:
-    """Translate a text of a page, if the catalogue contains it; units stay."""
-    text = plain_text(text)
-    name, bracket, unit = text.partition(" [")
-    wanted = catalogue(f"page.{language()}")["words"].get(_NUMBER.sub("#", name))
-    for number in _NUMBER.findall(name) if wanted else ():
-        wanted = wanted and wanted.replace("#", number, 1)
-    return f"{wanted}{bracket}{unit}" if wanted else text
-
-
 def page_html(page: Page, files: Mapping[str, Path]) -> str:
     """Write a report as one self-contained page.
 
     `files`: pictures of its figures by name; a figure without picture is omitted.
     """
-    scripts = _scripts() if page.panels else ()
+    scripts, drawings = _scripts() if page.panels else (), [panel_data(each) for each in page.panels]
     return filled(
         "page.html.j2",
         page=page,
@@ -67,11 +54,11 @@ def page_html(page: Page, files: Mapping[str, Path]) -> str:
             name: f"data:{_MEDIA[file.suffix]};base64,{base64.b64encode(file.read_bytes()).decode('ascii')}"
             for name, file in files.items()
         },
-        words=_json_script(catalogue(f"page.{language()}")["words"]),
+        words=_json_script(catalogue(f"page.{language()}")["words"] | dict(_translations(drawings))),
         lang=language(),
         tables=_tables_of("all", "page"),
         version=__version__,
-        data=_json_script([panel_data(each) for each in page.panels]),
+        data=_json_script(drawings),
         scripts=[Markup(text) for text in scripts],
         policy=_policy(scripts),
     )
@@ -108,6 +95,15 @@ def _policy(scripts: tuple[str, ...]) -> str:
     hashes = (base64.b64encode(hashlib.sha256(each.encode()).digest()).decode("ascii") for each in scripts)
     allowed = " ".join(f"'sha256-{each}'" for each in hashes) or "'none'"
     return f"default-src 'none'; style-src 'unsafe-inline'; img-src data:; script-src {allowed}"
+
+
+def _translations(value: Any) -> Iterator[tuple[str, str]]:
+    """Yield the texts of drawings that have a translation, with it."""
+    if isinstance(value, str) and len(value) < 1000 and (wanted := translated(value)) != value:
+        yield value, wanted
+    elif isinstance(value, Mapping | list | tuple):
+        for each in value.values() if isinstance(value, Mapping) else value:
+            yield from _translations(each)
 
 
 def _json_script(value: Any) -> Markup:

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 from insnav.findings import Code, Finding, Severity
-from insnav.messages import At, form, moment, phrase, render, sentence, shows_time
+from insnav.messages import At, form, moment, phrase, render, sentence, shows_time, translated
 from insnav.plain_text import plain_text
 from insnav.quantity import Quantity
 from insnav.report.style import number, rounded
@@ -61,7 +61,7 @@ class Verdict:
     @property
     def rating(self) -> str:
         """Light in words, with its reason."""
-        return phrase("terminal.line", name=phrase(f"light.{self.light}"), text=self.reason)
+        return phrase("terminal.line", name=phrase(f"light.{self.light}"), text=translated(self.reason))
 
 
 def by_warnings(sentence: str, findings: Sequence[Finding], without: tuple[Light, str]) -> Verdict:

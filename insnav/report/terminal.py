@@ -7,7 +7,7 @@ from itertools import chain
 
 from rich.cells import cell_len
 
-from insnav.messages import phrase
+from insnav.messages import phrase, translated
 from insnav.plain_text import plain_text, wrapped
 from insnav.report.page import Page, Show, Table, section_tables
 
@@ -17,7 +17,8 @@ _MARGIN = 12  # width of the names in a summary
 
 def entry(name: str, text: str) -> str:
     """Format one named line of a summary."""
-    return f"{name:<{_MARGIN}}{text}"
+    name = translated(name)
+    return f"{name}{' ' * (_MARGIN - cell_len(name))}{translated(text)}"
 
 
 def page_text(page: Page, width: int | None = None, shown: Sequence[Show] = ("all",)) -> str:
@@ -27,7 +28,7 @@ def page_text(page: Page, width: int | None = None, shown: Sequence[Show] = ("al
     Returns: lines without control characters.
     """
     verdict = [] if page.verdict is None else [page.verdict.sentence]
-    blocks = ["\n".join(hanging([page.title, *verdict, *page.summary], width))]
+    blocks = ["\n".join(hanging(map(translated, [page.title, *verdict, *page.summary]), width))]
     blocks += [table_text(table, width) for section in page.sections for table in section_tables(section, shown)]
     warnings = ((phrase("page.warnings"), page.warnings),) if page.warnings else ()
     for heading, lines in (*warnings, *page.lists):
@@ -54,7 +55,7 @@ def table_text(table: Table, width: int | None = None) -> str:
     `width`: of the terminal. A last column of text is wrapped. Other columns that do not fit follow below, with the row
     names repeated.
     """
-    cells = [row for row in (table.columns, *table.rows) if any(row)]
+    cells = [tuple(map(translated, row)) for row in (table.columns, *table.rows) if any(row)]
     widths = [max(cell_len(row[i]) for row in cells) for i in range(len(table.columns))]
     words = any(row[-1][:1].isalpha() and " " in row[-1] for row in table.rows)
     room = (width or 0) - 2 * len(widths) - sum(widths[:-1])
@@ -68,8 +69,8 @@ def table_text(table: Table, width: int | None = None) -> str:
             spaces = {i: " " * (widths[i] - cell_len(row[i])) for i in columns}
             texts = (row[i] + spaces[i] if i in left else spaces[i] + row[i] for i in columns)
             lines.append("  ".join(texts).rstrip())
-    head = [table.title] if table.title else []
-    note = hanging([f"  {table.note}"], width) if table.note else []
+    head = [translated(table.title)] if table.title else []
+    note = hanging([f"  {translated(table.note)}"], width) if table.note else []
     return "\n".join([*head, *(f"  {line}" for line in lines), *note])
 
 

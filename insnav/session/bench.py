@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, TypeAlias, cast, overload
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias, Unpack, cast, overload
 
 import numpy as np
 
@@ -26,6 +26,7 @@ from insnav.lab.acceptance import acceptance as acceptance_figures
 from insnav.lab.bench_data import read_drift, read_powerups, read_static, read_steps
 from insnav.lab.calibration import (
     STANDARD,
+    BenchInputs,
     BenchOptions,
     Calibration,
     badly_conditioned,
@@ -39,7 +40,7 @@ from insnav.lab.noise.static_noise import SignalNoise, StaticNoise, signal_noise
 from insnav.result import Result
 from insnav.session.read import is_frame, read_samples, samples_source
 from insnav.steps.given import checked
-from insnav.steps.inputs import Inputs
+from insnav.steps.inputs import Inputs, SampleInputs
 from insnav.types import FloatArray, ImuData
 
 if TYPE_CHECKING:
@@ -57,7 +58,7 @@ def calibrate(
     add: str | Path | None = None,
     stage: Callable[[str], None] | None = None,
     opened: Callable[[Any], None] | None = None,
-    **options: Any,
+    **options: Unpack[BenchInputs],
 ) -> Result[Calibration[Any, Any]]:
     """Calibrate sensors from files of the bench.
 
@@ -142,7 +143,7 @@ def allan(
     static: tuple[float, float] | None = ...,
     workers: int | None = ...,
     progress: Callable[[float], None] = ...,
-    **inputs: Any,
+    **inputs: Unpack[SampleInputs],
 ) -> Result[StaticNoise] | Result[SignalNoise]: ...
 
 
@@ -155,7 +156,7 @@ def allan(
     static: tuple[float, float] | None = None,
     workers: int | None = None,
     progress: Callable[[float], None] = lambda fraction: None,
-    **inputs: Any,
+    **inputs: Unpack[SampleInputs],
 ) -> Result[StaticNoise] | Result[SignalNoise]:
     """Compute the Allan deviation and the noise coefficients of a stationary IMU, or of plain signals.
 
@@ -176,7 +177,7 @@ def allan(
     progress : callable, optional
         Called with the fraction of the work that is done.
     **inputs
-        How to understand the file of an IMU, as in `insnav.steps.inputs.Inputs`.
+        How to understand the file of an IMU, as in `insnav.steps.inputs.SampleInputs`.
 
     Returns
     -------

@@ -20,7 +20,7 @@ from insnav.errors.evaluated_run import EvaluatedRun, fixed_epochs
 from insnav.errors.metrics import at_point
 from insnav.errors.outage.free_inertial import LENGTHS, WindowReference, reference_from_trajectory
 from insnav.errors.run_findings import judged
-from insnav.exceptions import AlignmentError, ConfigError, as_keywords
+from insnav.exceptions import AlignmentError, ConfigError, InputError, as_keywords
 from insnav.filter.agreement import without_rejected
 from insnav.filter.gps_noise import with_sd
 from insnav.filter.navigate import AidingChoice, thinned
@@ -29,14 +29,15 @@ from insnav.findings import Code, Finding, Severity, added, by_time
 from insnav.imu import load_imu
 from insnav.imu.specification import ImuSpec
 from insnav.input import Reading
+from insnav.input.readers.epochs import as_epochs
 from insnav.messages import sentence
 from insnav.progress import announce, in_notebook
 from insnav.result import Result, StepRecord
 from insnav.session.read import NamedInputs, by_name, read
 from insnav.steps import LOAD, STEPS, Model, Recording, Task, run_steps
-from insnav.steps.given import given_model, one_of, options_of, reference_point, reference_sd
+from insnav.steps.given import given_model, one_of, options_of, reference_point, reference_sd, vector
 from insnav.strapdown import intervals
-from insnav.types import FloatArray, GpsData, ImuData, Trajectory
+from insnav.types import FloatArray, GpsData, ImuData, Run, Trajectory
 
 if TYPE_CHECKING:  # slow imports happen where they are used: a run needs no budget
     from matplotlib.figure import Figure
@@ -117,6 +118,20 @@ def align(
     Result of FineAlignment
     """
     return drive_of(read(samples, gps, None, by_name(inputs))).align()
+
+
+def _missed_epochs(epochs: FloatArray, run: Run) -> tuple[Finding, ...]:
+    """Report epochs outside the solution.
+
+    Raises: InputError: all are.
+    """
+    got = 0 if run.poses is None else len(run.poses.time)
+    if not epochs.size or got == epochs.size:
+        return ()
+    ends = tuple(run.solution.time[[0, -1]].tolist())
+    if not got:
+        raise InputError("session.epochs_outside", where="epochs", epochs_s=(epochs[0], epochs[-1]), solution_s=ends)
+    return (Finding.of(Code.RUN_EPOCHS_MISSED, count=epochs.size - got, total=epochs.size, solution_s=ends),)
 
 
 def drive_of(recording: Recording) -> Drive:
@@ -252,6 +267,8 @@ class Drive:
         aiding: AidingChoice = "auto",
         smooth: bool = True,
         output_interval: float = 0.1,
+        epochs: Sequence[float] | FloatArray = (),
+        point: Sequence[float] | FloatArray | None = None,
         mechanization: Literal["full", "short"] = "full",
         progress: Callable[[float], None] | None = None,
     ) -> Result[EvaluatedRun]:
@@ -266,7 +283,11 @@ class Drive:
         smooth : bool
             Also give the smoothed solution.
         output_interval : float
-            Time between rows of the solution [s]; 0 for every sample.
+            Time between rows of the solution [s]; 0 for every sample. Rows fall on its whole multiples.
+        epochs : sequence of float
+            Epochs of the table ``poses``, such as camera triggers, on the clock of the solution [s].
+        point : sequence of three floats, optional
+            Point of the table ``poses``: forward, right, down of the IMU [m].
         mechanization : {"full", "short"}
             short: also compare the short-duration form with the full one.
         progress : callable, optional
@@ -283,8 +304,10 @@ class Drive:
         """
         one_of("aiding", aiding, get_args(AidingChoice))
         one_of("mechanization", mechanization, ("full", "short"))
+        epochs = as_epochs(epochs, "epochs") if len(epochs) else np.empty(0)
+        point = vector("point", point)
 
-        done = self.until("evaluate", Task(states, aiding, smooth, output_interval, progress))
+        done = self.until("evaluate", Task(states, aiding, smooth, output_interval, epochs, point, progress))
         ready, found = done.ready, done.evaluated
         if mechanization == "short":
             from insnav.errors.evaluated_run import short_windows
@@ -297,9 +320,12 @@ class Drive:
             "smooth": smooth,
             "output_interval_s": output_interval,
             "mechanization": mechanization,
+            "epochs": len(epochs) or None,
+            "point": None if point is None else point.tolist(),
         }
         found = replace(found, run=thinned(found.run, output_interval))
-        return done.result("run", found, options, (*done.findings, *found.run.events), found)
+        missed = _missed_epochs(epochs, found.run)
+        return done.result("run", found, options, (*done.findings, *missed, *found.run.events), found)
 
     @property
     def ready(self) -> Prepared:

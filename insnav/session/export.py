@@ -1,48 +1,116 @@
-"""Export of a run to the format of another program."""
+"""Export of a run to the format of another program, at its rows or other epochs, of the IMU or another point."""
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
+from insnav.attitude import wrap_pi
+from insnav.earth import ned_offset
+from insnav.errors.metrics import interpolated
 from insnav.exceptions import ConfigError, InputError
+from insnav.filter.poses import move_to_point
+from insnav.findings import Code, Finding
 from insnav.input.formats.time_scales import DAY, EPOCH, UNIX_DAYS, WEEK_DAYS, leap_seconds
+from insnav.output.body_motion import body_motion
 from insnav.output.folder import read_facts
 from insnav.output.solution_tables import has_smoothed, read_solution
 from insnav.output.track_files import WRITERS, Track
 from insnav.plain_text import plain_text
-from insnav.types import FloatArray
+from insnav.types import FloatArray, Trajectory
 
-Solution = Literal["smoothed", "filtered"]
+Solution = Literal["smoothed", "filtered", "poses"]
 _START = EPOCH.astype("datetime64[ns]")
 _UNIX_FROM = 1e9  # larger times are Unix time [s]
 
 
-def export(folder: Path, kind: str, *, solution: Solution | None = None, week: int | None = None) -> bytes:
+def export(folder: Path, kind: str, **how: Any) -> bytes:
     """Convert a run to another format.
 
-    `folder`: of a run. `kind`: one of `insnav.output.track_files.WRITERS`. `solution`: by default smoothed, if present.
-    `week`: GPS week of the first epoch, if neither fixes nor times determine it.
+    `folder`: of a run. `kind`: one of `insnav.output.track_files.WRITERS`. `how`: see `track_of`.
     Raises: InputError: no such run. ConfigError: an unknown format, or a missing date.
     """
     if kind not in WRITERS:
         raise ConfigError("session.unknown_format", where="--to", value=str(kind), known=tuple(WRITERS))
+    return encoded(track_of(folder, **how)[0], kind)
+
+
+def encoded(track: Track, kind: str) -> bytes:
+    """Write a track in a format."""
+    written = WRITERS[kind](track)
+    return written if isinstance(written, bytes) else written.encode()
+
+
+def track_of(
+    folder: Path,
+    *,
+    solution: Solution | None = None,
+    week: int | None = None,
+    interval: float = 0.0,
+    epochs: FloatArray | None = None,
+    point: FloatArray | None = None,
+) -> tuple[Track, tuple[Finding, ...]]:
+    """Read the track of a run.
+
+    `solution`: by default smoothed, if present. `week`: GPS week of the first epoch, if neither fixes nor times
+    determine it. `interval`: rows at whole multiples of it [s]; 0: rows of the run. `epochs` (m,): rows there [s].
+    `point` (3,): forward, right, down of the IMU [m]; its standard deviations neglect correlations of position,
+    velocity and attitude, which a folder does not have.
+    Returns: the track, and findings on its interpolation.
+    Raises: InputError: no such run, or no epoch in its time.
+    """
     facts = read_facts(folder)
-    smoothed = solution == "smoothed" or (solution is None and has_smoothed(folder))
-    trajectory = read_solution(folder, "smoothed" if smoothed else "solution")
+    name = solution or ("smoothed" if has_smoothed(folder) else "filtered")
+    trajectory = read_solution(folder, "solution" if name == "filtered" else name)
     known = np.isfinite(np.hstack((trajectory.lla, trajectory.v_n))).all(axis=1)
     if not known.all():
         lost, where = int(np.sum(~known)), str(folder)
         raise InputError("session.rows_without_position", where=where, count=int(lost))
+    found: tuple[Finding, ...] = ()
+    if point is not None:
+        none = np.zeros((len(trajectory.time), 9, 9))
+        trajectory = move_to_point(trajectory, body_motion(trajectory)[0], point, none, np.zeros(3))
+    if epochs is not None or interval > 0.0:
+        trajectory, found = _resampled(trajectory, interval, epochs)
     inputs = facts.get("input", {})
     gps = inputs.get("gps", {}) if isinstance(inputs, dict) else {}
     utc, gps_time = _instants(trajectory.time, _week(inputs) if week is None else week)
-    name = f"{plain_text(folder.resolve().name)}, {'smoothed' if smoothed else 'filtered'}"
-    written = WRITERS[kind](Track(trajectory, name, utc, gps_time, gps.get("height") or "ellipsoidal"))
-    return written if isinstance(written, bytes) else written.encode()
+    title = f"{plain_text(folder.resolve().name)}, {name}"
+    return Track(trajectory, title, utc, gps_time, gps.get("height") or "ellipsoidal"), found
+
+
+def _resampled(track: Trajectory, interval: float, epochs: FloatArray | None) -> tuple[Trajectory, tuple[Finding, ...]]:
+    """Interpolate at epochs, or multiples of an interval, with the error by leaving out every other row.
+
+    Errors of cubic Hermite interpolation have the order of four, of linear interpolation two: halving the step divides
+    them by 16 and by 4 (J. Stoer and R. Bulirsch, "Introduction to Numerical Analysis", 2002, section 2.1.5).
+    """
+    begin, end = track.time[[0, -1]].tolist()
+    if epochs is None:
+        first = math.ceil(begin / interval - 1e-6)
+        wanted = interval * np.arange(first, math.floor(end / interval + 1e-6) + 1)
+    else:
+        wanted = epochs
+    out = interpolated(track, wanted)
+    if not len(out.time):
+        ends = (float(wanted[0]), float(wanted[-1])) if len(wanted) else (begin, begin)
+        raise InputError("session.epochs_outside", where="--epochs", epochs_s=ends, solution_s=(begin, end))
+    found = []
+    if epochs is not None and (missed := len(epochs) - len(out.time)):
+        found.append(Finding.of(Code.RUN_EPOCHS_MISSED, count=missed, total=len(epochs), solution_s=(begin, end)))
+    if len(track.time) > 4 and not np.isin(out.time.round(6), track.time.round(6)).all():
+        other = interpolated(track.rows(slice(None, None, 2)), track.time[1::2])
+        true = track.rows(np.flatnonzero(np.isin(track.time, other.time)))
+        if len(other.time):
+            off = ned_offset(other.lla, true.lla) / 16.0, other.v_n - true.v_n, wrap_pi(other.rph - true.rph)
+            place, velocity, attitude = (float(np.nanmax(np.abs(each))) for each in off)
+            sizes: dict[str, Any] = {"velocity_m_s": velocity / 4.0, "attitude_rad": attitude / 4.0}
+            found.append(Finding.of(Code.EXPORT_INTERPOLATED, position_m=place, **sizes))
+    return out, tuple(found)
 
 
 def _week(inputs: Any) -> int | None:

@@ -14,7 +14,13 @@ from insnav.exceptions import ConfigError, InputError
 from insnav.findings import Code, Finding
 from insnav.gimbal import DAMPING_TIME, INTEGRATORS, Integrator, PlatformErrors, Vertical, navigate_platform
 from insnav.input import Reading, ReadingFacts
-from insnav.input.readers.specific_force import Heights, SpecificForce, read_heights, read_specific_force
+from insnav.input.readers.specific_force import (
+    Heights,
+    LevelAxes,
+    SpecificForce,
+    read_heights,
+    read_specific_force,
+)
 from insnav.result import Result
 from insnav.session.read import one_from_stdin, read_ref, samples_source
 from insnav.steps.given import one_of
@@ -37,7 +43,12 @@ def platform(
     vertical: Vertical = "off",
     gravity: float | None = None,
     interval: float = 0.1,
-    **reading: Any,
+    heights: Given | None = None,
+    ref: Given | None = None,
+    axes: LevelAxes | None = None,
+    columns: Mapping[str, str] | None = None,
+    sample_rate: float | None = None,
+    opened: Callable[[ReadingFacts], None] = lambda facts: None,
 ) -> Result[PlatformStudy]:
     """Integrate the specific force on a north-pointing platform with every integrator.
 
@@ -59,10 +70,12 @@ def platform(
         Gravity of this size everywhere, straight down [m/s^2]; by default normal gravity.
     interval : float
         Time between rows of the solutions [s].
-    **reading
-        ``heights``: damp the vertical channel. ``ref``: reference. ``axes``, ``columns``, ``sample_rate``: see
-        `insnav.input.readers.specific_force.read_specific_force`. ``opened``: called with the interpretation of each
-        file.
+    heights, ref : path or data frame, optional
+        Heights, to damp the vertical channel; a reference.
+    axes, columns, sample_rate
+        See `insnav.input.readers.specific_force.read_specific_force`.
+    opened : callable, optional
+        Called with the interpretation of each file.
 
     Returns
     -------
@@ -83,7 +96,10 @@ def platform(
     """
     _refuse_start(lat, lon, height, v_n)
     one_of("integrator", integrator, INTEGRATORS)
-    samples, given, reference = _read(force, **reading)
+    samples, given, reference = _read(force, heights, ref, axes, columns, sample_rate)
+    for each in (samples, given, reference):
+        if each is not None:
+            opened(each.facts)
     if gravity is not None and not 9.5 < gravity < 10.0:  # NaN is not within either
         raise ConfigError("platform.bad_gravity", where="--gravity", value=gravity)
     time, f_n = samples.data.time, samples.data.f_n
@@ -126,12 +142,11 @@ def _refuse_start(lat: float, lon: float, height: float, v_n: Sequence[float]) -
 
 def _read(
     force: Given,
-    *,
-    heights: Given | None = None,
-    ref: Given | None = None,
-    sample_rate: float | None = None,
-    opened: Callable[[ReadingFacts], None] = lambda facts: None,
-    **how: Any,
+    heights: Given | None,
+    ref: Given | None,
+    axes: LevelAxes | None,
+    columns: Mapping[str, str] | None,
+    sample_rate: float | None,
 ) -> tuple[Reading[SpecificForce], Reading[Heights] | None, Reading[Trajectory] | None]:
     """Read specific force along level axes, heights, and a reference; the small files first."""
     if sample_rate is not None and not 0.1 <= sample_rate <= 1e5:
@@ -139,10 +154,7 @@ def _read(
     one_from_stdin({"FORCE_FILE": force, "--height-input": heights, "--ref": ref})
     height = None if heights is None else read_heights(samples_source(heights, None))
     reference = None if ref is None else read_ref(ref, {})
-    samples = read_specific_force(samples_source(force, None), sample_rate=sample_rate, **how)
-    for each in (samples, height, reference):
-        if each is not None:
-            opened(each.facts)
+    samples = read_specific_force(samples_source(force, None), axes=axes, columns=columns, sample_rate=sample_rate)
     return samples, height, reference
 
 

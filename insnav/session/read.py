@@ -5,8 +5,8 @@ from __future__ import annotations
 import hashlib
 import re
 import warnings
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias, TypeVar, cast, get_args
@@ -20,8 +20,8 @@ from insnav.input.formats.conventions import ACCEL, GYRO
 from insnav.input.formats.registry import choose_table, open_table
 from insnav.input.formats.table import ArrayCells, Table
 from insnav.input.interpret.clean import GPS_KINDS, IMU_KINDS, REFERENCE_KINDS, find_gaps
-from insnav.input.interpret.columns import match_header, understand
-from insnav.input.interpret.schema import GPS_SCHEMA, IMU_SCHEMA, Quantity
+from insnav.input.interpret.columns import key_of, understand
+from insnav.input.interpret.schema import GPS_SCHEMA, IMU_SCHEMA
 from insnav.input.readers.imu import Bench
 from insnav.input.readers.kinds import open_parts
 from insnav.input.readers.sensor_log import read_sensor_log
@@ -159,43 +159,55 @@ def read_samples(
         reading = in_memory(imu, "IMU")
     else:
         scales = {} if known is None else {"gyro": known.gyro_raw, "accel": known.accel_raw}
-        with _named("columns"):
-            reading = read_imu(
-                samples_source(_parts({"imu": imu}, inputs)["imu"], inputs.get("rate")),
-                axes=inputs.get("axes"),
-                columns=inputs.get("columns"),
-                units=inputs.get("units"),
-                sampling=inputs.get("sampling", getattr(imu, "attrs", {}).get("sampling")),
-                stamp=inputs.get("stamp", getattr(imu, "attrs", {}).get("stamp")),
-                raw_scales={triad: scale for triad, scale in scales.items() if scale is not None},
-                any_way=any_way,
-                bench=bench,
-                accel_sign=inputs.get("accel_sign"),
-            )
+        reading = _tried(
+            read_imu,
+            samples_source(_parts({"imu": imu}, inputs)["imu"], inputs.get("rate")),
+            "columns",
+            inputs,
+            axes=inputs.get("axes"),
+            units=inputs.get("units"),
+            sampling=inputs.get("sampling", getattr(imu, "attrs", {}).get("sampling")),
+            stamp=inputs.get("stamp", getattr(imu, "attrs", {}).get("stamp")),
+            raw_scales={triad: scale for triad, scale in scales.items() if scale is not None},
+            any_way=any_way,
+            bench=bench,
+            accel_sign=inputs.get("accel_sign"),
+        )
     return reading if known is None else replace(reading, data=sensors.correct(reading.data, known))
 
 
 def _read_gps(gps: Given | GpsData, inputs: Inputs) -> Reading[GpsData]:
     if isinstance(gps, GpsData):
         return in_memory(gps, "GPS")
-    with _named("gps_columns"):
-        return read_gps(_table(gps), columns=inputs.get("gps_columns"), height=inputs.get("gps_height"))
+    return _tried(read_gps, _table(gps), "gps_columns", inputs, height=inputs.get("gps_height"))
 
 
 def read_ref(reference: Given | Trajectory, inputs: Inputs) -> Reading[Trajectory]:
     """Read a reference, specified as for `insnav.load`."""
     if isinstance(reference, Trajectory):
         return in_memory(reference, "reference")
-    with _named("ref_columns"):
-        return read_reference(_table(reference), columns=inputs.get("ref_columns"))
+    return _tried(read_reference, _table(reference), "ref_columns", inputs)
 
 
-@contextmanager
-def _named(columns: Literal["columns", "gps_columns", "ref_columns"]) -> Iterator[None]:
-    """Name the input with this file's columns in errors of the readers."""
+def _tried(
+    reader: Callable[..., Reading[T]],
+    source: Any,
+    columns: Literal["columns", "gps_columns", "ref_columns"],
+    inputs: Inputs,
+    **how: Any,
+) -> Reading[T]:
+    """Read a file. Errors name the input with its columns, and suggest only columns that can be read."""
+    given = inputs.get(columns) or {}
     try:
-        yield
+        return reader(source, columns=given, **how)
     except InsnavError as error:
+        hint = error.gives.get("columns")
+        if hint and {"meant", "guess"} & error.values.keys():
+            try:
+                reader(source, columns={**given, **hint}, **how)
+            except InsnavError as other:
+                if not other.gives or "columns" in other.gives:  # otherwise the columns lead to a further input
+                    error.withdraw_columns()
         error.where = re.sub(r"^columns\b", columns, error.where)
         if "option" in error.values:
             error.values["option"] = f"--{columns.replace('_', '-')}"
@@ -218,20 +230,13 @@ def samples_source(imu: Given | Table, rate: float | None) -> str | Path | Table
 
 def _timed(table: Table, rate: float) -> Table:
     """Add times to samples, at a rate [Hz]."""
-    if any(match is not None and match[0].key == "time" for match in map(_meaning, table.headers)):
+    if any(key_of(header, IMU_SCHEMA) == "time" for header in table.headers):
         return table
     numbers = table.cells.read(range(len(table.headers)))
     time = np.arange(1, numbers.n_rows + 1) / rate
     cells = ArrayCells((time, *(numbers.columns[i] for i in range(len(table.headers)))), table.cells.line)
     units = None if table.units is None else ("", *table.units)
     return replace(table, headers=("time_s", *table.headers), cells=cells, units=units)
-
-
-def _meaning(header: str) -> tuple[Quantity, str | None, int] | None:
-    try:
-        return match_header(header, IMU_SCHEMA)
-    except InputError:  # an invalid unit is reported when the table is read
-        return None
 
 
 def _table(given: Given | Table) -> str | Path | Table:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, Literal, TypedDict, Unpack
+from typing import Any, Literal, TypedDict
 
 from insnav import steps
 from insnav.exceptions import InputError
@@ -29,7 +29,6 @@ from insnav.simulate.recording import (
 from insnav.simulate.sensor_errors import GpsSpec
 from insnav.simulate.truth import Truth
 from insnav.simulate.truth_from_track import Residual, track_residual, truth_from_track
-from insnav.steps.given import one_of
 from insnav.steps.inputs import Inputs
 from insnav.types import Sampling, Trajectory
 
@@ -102,15 +101,41 @@ class Plan:
         )
 
 
-def simulate(profile: str | Path, **options: Unpack[SimulationOptions]) -> Drive:
+def simulate(
+    profile: str | Path,
+    *,
+    imu: str | ImuSpec = "consumer",
+    gps: str | GpsSpec = "single",
+    seed: int = 1,
+    run: int | None = None,
+    rate: float = 100.0,
+    sampling: Sampling = "mean",
+    faults: Sequence[str] = (),
+    temperature: tuple[float, float] | None = None,
+    gravity: Literal["full", "plumb", "linear"] = "full",
+) -> Drive:
     """Simulate a drive, with the exact motion as its reference.
 
     Parameters
     ----------
     profile : str or Path
         Name or file of a motion profile; a run folder or track file becomes a replica with ``insnav simulate --from``.
-    **options
-        IMU, receiver, seed, faults and more, as in `SimulationOptions`.
+    imu, gps : str, ImuSpec or GpsSpec
+        A preset, a file, ``ideal`` for no errors, or a specification.
+    seed : int
+        Random seed.
+    run : int, optional
+        Number of a run in the series of this seed.
+    rate : float
+        Samples per second [Hz].
+    sampling : {"mean", "instant", "increment"}
+        Type of a sample.
+    faults : sequence of str
+        Simulated faults, such as ``gps-outage@200s+30s``.
+    temperature : (float, float), optional
+        Of the IMU at the start and at the end [deg C].
+    gravity : {"full", "plumb", "linear"}
+        Full, without north component, or linear in height.
 
     Returns
     -------
@@ -127,9 +152,9 @@ def simulate(profile: str | Path, **options: Unpack[SimulationOptions]) -> Drive
     >>> drive = insnav.simulate("city", imu="automotive", seed=1)  # doctest: +SKIP
     >>> drive.navigate().plot("position_error")  # doctest: +SKIP
     """
-    for name in options:
-        one_of("simulate", name, tuple(SimulationOptions.__annotations__))
-    plan = plan_of(profiled(profile, options.get("seed", 1)), options)
+    options: SimulationOptions = {"imu": imu, "gps": gps, "seed": seed, "run": run, "rate": rate, "sampling": sampling}
+    options |= {"faults": faults, "temperature": temperature, "gravity": gravity}
+    plan = plan_of(profiled(profile, seed), options)
     made = plan.measured()
     inputs: Inputs = {"imu_model": plan.imu, "lever_arm": made.lever_b}
     recording = steps.Recording(

@@ -13,9 +13,11 @@ The package itself can be called: ``insnav.simulate("city", imu="automotive")`` 
 
 from __future__ import annotations
 
+import inspect
 import sys
+from pathlib import Path
 from types import ModuleType
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Unpack
 
 from insnav.simulate.sensor_errors import GpsErrors, ImuSimulation, corrupt_gps, corrupt_imu, without_fixes
 from insnav.simulate.truth import (
@@ -31,6 +33,7 @@ from insnav.simulate.truth import (
 
 if TYPE_CHECKING:
     from insnav.session.drive import Drive
+    from insnav.session.simulation import SimulationOptions
 
 __all__ = [
     "GpsErrors",
@@ -52,11 +55,18 @@ __all__ = [
 class _Simulate(ModuleType):
     """Package that is callable like the function of its name."""
 
-    def __call__(self, *args: Any, **options: Any) -> Drive:
+    def __call__(self, profile: str | Path, **options: Unpack[SimulationOptions]) -> Drive:
         """Simulate a drive; see `insnav.session.simulation.simulate`."""
         from insnav.session.simulation import simulate
 
-        return simulate(*args, **options)
+        return simulate(profile, **options)
+
+    @property
+    def __signature__(self) -> inspect.Signature:
+        """Signature of the function, for editors that look at the object."""
+        from insnav.session.simulation import simulate
+
+        return inspect.signature(simulate)
 
 
 sys.modules[__name__].__class__ = _Simulate

@@ -13,7 +13,7 @@ from time import perf_counter
 from typing import TYPE_CHECKING, Generic, Literal, TypeVar
 
 if TYPE_CHECKING:  # the command-line help needs only the names of inputs
-    from collections.abc import Callable
+    from collections.abc import Callable, Sequence
 
     from insnav.errors.evaluated_run import EvaluatedRun
     from insnav.filter.navigate import AidingChoice, Navigated
@@ -88,6 +88,8 @@ class Task:
     aiding: AidingChoice = "auto"
     smooth: bool = True
     output_interval: float = 0.1  # [s]
+    epochs: Sequence[float] | FloatArray = ()  # of the poses [s]
+    point: Sequence[float] | FloatArray | None = None  # of the poses, seen from the IMU, body axes (3,) [m]
     progress: Callable[[float], None] | None = None
 
 

@@ -12,7 +12,7 @@ from insnav.filter.prepare import Prepared
 from insnav.findings import Finding
 from insnav.input.readers.kinds import files_with
 from insnav.steps import Model, Recording
-from insnav.steps.given import filter_settings, set_up_filter
+from insnav.steps.given import as_given, filter_settings, set_up_filter
 
 
 def align(recording: Recording, model: Model) -> tuple[Recording, Model, tuple[Finding, ...]]:
@@ -27,7 +27,7 @@ def align(recording: Recording, model: Model) -> tuple[Recording, Model, tuple[F
         raise _without_position(recording)
     given = recording.inputs.get("heading")
     ready = _on_time(recording, model, given)
-    if given is not None:
+    if given is not None and not as_given(recording.inputs):
         with suppress(AlignmentError):  # the drive does not determine the heading
             ready = with_right_heading(ready, _on_time(recording, model, None))
     return recording, replace(model, ready=ready), ready.findings
@@ -35,6 +35,8 @@ def align(recording: Recording, model: Model) -> tuple[Recording, Model, tuple[F
 
 def _on_time(recording: Recording, model: Model, heading: float | None) -> Prepared:
     settings = filter_settings(recording, model)
+    if as_given(recording.inputs):
+        return set_up_filter(recording, model, *model.clock, heading)
     return on_time(
         lambda clock, rate: set_up_filter(recording, model, clock, rate, heading), settings, at_first=model.clock
     )

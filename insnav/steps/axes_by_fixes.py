@@ -22,15 +22,15 @@ def refuse_unlike_gyros(imu: Reading[ImuData], fixes: GpsData) -> None:
         raise refusal(found, imu.facts.path)
 
 
-def accel_reversed(imu: Reading[ImuData], fixes: GpsData, found: Mounting | None) -> Finding | None:
+def accel_reversed(imu: Reading[ImuData], fixes: GpsData, mounting: Mounting | None) -> Finding | None:
     """Report accelerometers that all have the opposite sign of the specific force; None otherwise.
 
-    `found`: mounting that explains the fixes. If None, the course decides, unless gravity shows inverted gyros.
+    `mounting`: mounting that explains the fixes. If None, the course decides, unless gravity shows inverted gyros.
     """
-    if found is not None:
-        in_order = found.gyro_order == IN_ORDER and found.gyro_units == ALL_ALIKE
-        reverse = in_order and found.mirrored and len(found.inverted) == 3
-        return Finding.of(Code.AXES_ACCEL_REVERSED, windows=found.windows) if reverse else None
+    if mounting is not None:
+        in_order = mounting.gyro_order == IN_ORDER and mounting.gyro_units == ALL_ALIKE
+        reverse = in_order and mounting.mirrored and len(mounting.inverted) == 3
+        return Finding.of(Code.AXES_ACCEL_REVERSED, windows=mounting.windows) if reverse else None
     data = imu.data.beginning(LONGEST)
     correlation = turns_with_course(data.time, data.gyro, data.accel, fixes.time, course_of(fixes.v_n))
     if correlation >= 0.0 or turn_ratio(data.time, data.gyro, data.accel)[1] < 0.0:
@@ -48,29 +48,29 @@ def mounting_of(imu: Reading[ImuData], fixes: GpsData) -> Mounting | None:
     return find_mounting(intervals(imu.data.beginning(LONGEST)), fixes)
 
 
-def refusal(found: Mounting, where: str) -> InputError:
+def refusal(mounting: Mounting, where: str) -> InputError:
     """Build the error for axes that no rotation maps to the vehicle, or for gyros of other columns."""
-    inverted = found.inverted
-    if found.gyro_units != ALL_ALIKE:
-        units = ("deg/s", "rad/s") if min(found.gyro_units) < 1.0 else ("rad/s", "deg/s")
-        odd = next(axis for axis in range(3) if found.gyro_units.count(found.gyro_units[axis]) == 1)
-        if found.gyro_units[odd] == 1.0:
+    inverted = mounting.inverted
+    if mounting.gyro_units != ALL_ALIKE:
+        units = ("deg/s", "rad/s") if min(mounting.gyro_units) < 1.0 else ("rad/s", "deg/s")
+        odd = next(axis for axis in range(3) if mounting.gyro_units.count(mounting.gyro_units[axis]) == 1)
+        if mounting.gyro_units[odd] == 1.0:
             units = units[::-1]
-        axis, windows = "xyz"[odd], found.windows
+        axis, windows = "xyz"[odd], mounting.windows
         return InputError(
             "mounting.gyro_unit_odd", where=where, axis=axis, unit=units[0], others=units[1], windows=windows
         )
-    windows, axes = found.windows, tuple(inverted)
-    if found.gyro_order != IN_ORDER:
-        about = tuple("xyz"[found.gyro_order.index(gyro)] for gyro in range(3))
+    windows, axes = mounting.windows, tuple(inverted)
+    if mounting.gyro_order != IN_ORDER:
+        about = tuple("xyz"[mounting.gyro_order.index(gyro)] for gyro in range(3))
         return InputError("mounting.gyro_order", where=where, about=about, windows=windows)
-    if found.mirrored and len(inverted) == 3:
+    if mounting.mirrored and len(inverted) == 3:
         gives = {"accel_sign": "minus-force"}
         return InputError("mounting.accelerometers_inverted", where=where, gives=gives, windows=windows)
-    if found.mirrored and found.changes == 1:
-        points = tuple(WORDS[letter] for letter in found.letters)
+    if mounting.mirrored and mounting.changes == 1:
+        points = tuple(WORDS[letter] for letter in mounting.letters)
         return InputError("mounting.accelerometer_inverted", where=where, axis=axes[0], points=points, windows=windows)
-    if found.mirrored:
-        points = tuple(WORDS[letter] for letter in found.letters)
+    if mounting.mirrored:
+        points = tuple(WORDS[letter] for letter in mounting.letters)
         return InputError("mounting.left_handed", where=where, points=points, axes=axes, windows=windows)
     return InputError("mounting.gyros_wrong_way", where=where, axes=axes, windows=windows)

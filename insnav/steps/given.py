@@ -7,7 +7,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 
@@ -47,8 +47,8 @@ def checked(inputs: Inputs) -> Inputs:
         if value is not None and what.choices:
             one_of(key, value, what.choices)
     with_priors(inputs.get("faults") or {})
-    vector(inputs, "lever_arm")
-    vector(inputs, "ref_lever_arm")
+    vector("lever_arm", inputs.get("lever_arm"))
+    vector("ref_lever_arm", inputs.get("ref_lever_arm"))
     span = inputs.get("static")
     if span is not None and not span[1] > span[0]:
         raise ConfigError("input.bad_span", where="static", span_s=(float(span[0]), float(span[1])))
@@ -60,15 +60,19 @@ def checked(inputs: Inputs) -> Inputs:
     return {**inputs, "initial": read_start(Path(initial)) if isinstance(initial, str | Path) else initial}
 
 
+def as_given(inputs: Inputs) -> bool:
+    """Return whether nothing is estimated from the whole record: the filter then uses only earlier data."""
+    return Inputs(noise="model", explain="off").items() <= inputs.items()
+
+
 def one_of(name: str, value: object, known: Sequence[object]) -> None:
     """Refuse a word or number that is not known."""
     if value not in known:
         raise ConfigError("input.unknown_word", where=name, value=str(value), known=tuple(map(str, known)))
 
 
-def vector(inputs: Inputs, key: Literal["lever_arm", "ref_lever_arm"]) -> FloatArray | None:
+def vector(key: str, value: Sequence[float] | FloatArray | None) -> FloatArray | None:
     """Return a lever arm ``(3,)`` in body axes [m]; None if unspecified."""
-    value = inputs.get(key)
     if value is None:
         return None
     array = np.asarray(value, dtype=np.float64)
@@ -85,7 +89,7 @@ def reference_point(inputs: Inputs, reference: Trajectory) -> FloatArray | None:
     A reference with attitude is an inertial solution, at its IMU. Positions alone belong to a receiver antenna, assumed
     at the drive's antenna.
     """
-    given = vector(inputs, "ref_lever_arm")
+    given = vector("ref_lever_arm", inputs.get("ref_lever_arm"))
     if given is not None:
         return given
     return np.zeros(3) if np.isfinite(reference.rph).any() else None
@@ -157,7 +161,11 @@ def read_start(path: Path) -> Start:
 def given_model(recording: Recording) -> Model:
     """Build the initial model of the inputs; the filter estimates lever arm and delay unless specified."""
     inputs, fixes = recording.inputs, recording.gps is not None
-    lever_b, lever_sd, delay = vector(inputs, "lever_arm"), inputs.get("lever_arm_sd"), inputs.get("gps_delay")
+    lever_b, lever_sd, delay = (
+        vector("lever_arm", inputs.get("lever_arm")),
+        inputs.get("lever_arm_sd"),
+        inputs.get("gps_delay"),
+    )
     if lever_sd is None:
         lever_sd = LEVER_SD if lever_b is None and fixes else 0.0
     return Model(
@@ -240,5 +248,6 @@ def set_up_filter(
         start=replace(initial, time=moved(initial.time)) if isinstance(initial, Start) else None,
         static_span=None if span is None else (moved(span[0]), moved(span[1])),
         heading=heading,
+        as_given=as_given(inputs),
     )
     return replace(ready, clock=clock + 0.5 * rate * (end - begin), rate=rate)

@@ -51,7 +51,20 @@ class Input:
         return UNITS[self.unit][1] if self.unit else 1.0
 
 
-class Inputs(TypedDict, total=False):
+class SampleInputs(TypedDict, total=False):
+    """Inputs for reading the samples of an IMU; see `Inputs`."""
+
+    calibration: str | Path | None
+    axes: str | None
+    units: Mapping[str, str] | str | None
+    columns: Mapping[str, str] | None
+    sampling: Sampling | None
+    stamp: Stamp | None
+    accel_sign: AccelSign | None
+    topic: str | None
+
+
+class Inputs(SampleInputs, total=False):
     """Inputs of a recording, see `INPUTS`; None means absent.
 
     SI and radians. Lever arms are forward, right, down. ``rate`` is for arrays without times. ``ref_sd``: of positions
@@ -62,16 +75,8 @@ class Inputs(TypedDict, total=False):
 
     imu_model: str | Path | ImuSpec | None
     noise: NoiseChoice | None
-    calibration: str | Path | None
-    axes: str | None
-    units: Mapping[str, str] | str | None
-    columns: Mapping[str, str] | None
-    sampling: Sampling | None
-    stamp: Stamp | None
-    accel_sign: AccelSign | None
     rate: float | None
     time_offset: float | None
-    topic: str | None
     lever_arm: Sequence[float] | FloatArray | None
     lever_arm_sd: float | None
     gps_height: Height | None

@@ -22,7 +22,7 @@ from insnav.input.interpret.physics import check_axes, heading_convention, quiet
 from insnav.kernels.smoother import STATE
 from insnav.steps import Estimate, Model, Recording, Source
 from insnav.steps.axes_by_fixes import WORDS, accel_reversed, mounting_of, refusal
-from insnav.steps.given import set_up_filter
+from insnav.steps.given import as_given, set_up_filter
 from insnav.steps.inputs import Inputs
 from insnav.types import FloatArray, GpsData, ImuData
 from insnav.units import DEG
@@ -47,30 +47,35 @@ def mounting(recording: Recording, model: Model) -> tuple[Recording, Model, tupl
     does not move.
     """
     inputs, fixes = recording.inputs, recording.fixes
+    if as_given(inputs):
+        assumed = (X_FORWARD,) * (inputs.get("axes") is None)
+        return recording, replace(model, mounting_yaw=Estimate(0.0, 0.0, "prior" if assumed else "given")), assumed
     imu, yaw, findings = turn_to_vehicle(recording.imu, recording.fixes_by_scatter or fixes, inputs)
     recording, unknown = replace(recording, imu=imu), findings[-1:] == (X_FORWARD,)
     if unknown and fixes is not None and inputs.get("heading") is None and inputs.get("initial") is None:
         imu, yaw, found = in_likely_axes(recording, model)
         findings = (*findings[:-1], found) if imu is recording.imu else (found,)
         recording, unknown = replace(recording, imu=imu), found is X_FORWARD
-    recording, turned = with_headings_turned(recording)
-    findings = (*findings, *turned)
     source: Source = "prior" if unknown else "data" if findings else "given"
-    return recording, replace(model, mounting_yaw=Estimate(yaw, 0.0, source)), findings
+    recording, headings = with_headings_turned(recording)
+    return recording, replace(model, mounting_yaw=Estimate(yaw, 0.0, source)), (*findings, *headings)
 
 
 def with_headings_turned(recording: Recording) -> tuple[Recording, tuple[Finding, ...]]:
     """Return receiver headings clockwise from north along the vehicle, and their original convention."""
     fixes, data = recording.fixes, recording.imu.data.beginning(LONGEST)
-    if fixes is None or fixes.heading is None or not recording.inputs.get("gps_heading_sd"):
+    if fixes is None or fixes.heading is None:
         return recording, ()
+    count = int(np.isfinite(fixes.heading).sum())
+    if not recording.inputs.get("gps_heading_sd"):
+        return recording, (Finding.of(Code.GPS_HEADING_UNUSED, subject="gps", count=count),)
     turns = turns_with_course(data.time, data.gyro, data.accel, fixes.time, fixes.heading)
     sense, offset = heading_convention(turns, fixes.heading, fixes.v_n)
     if sense > 0.0 and offset == 0.0:
         return recording, ()
     heading = (sense * fixes.heading - offset) % (2.0 * np.pi)
     code = Code.GPS_HEADING_COUNTER_CLOCKWISE if sense < 0.0 else Code.GPS_HEADING_OFFSET
-    found = Finding.of(code, subject="gps", offset_rad=offset, count=np.isfinite(heading).sum())
+    found = Finding.of(code, subject="gps", offset_rad=offset, count=count)
     return replace(recording, fixes=replace(fixes, heading=heading)), (found,)
 
 

@@ -12,7 +12,7 @@ from insnav.findings import Code, Finding, added
 from insnav.imu.specification import ImuSpec
 from insnav.input import Reading
 from insnav.steps import Model, Recording
-from insnav.steps.given import better_kinds
+from insnav.steps.given import as_given, better_kinds
 from insnav.steps.inputs import Inputs, NoiseChoice
 from insnav.types import GpsData
 
@@ -33,7 +33,8 @@ def _with_estimated_noise(recording: Recording, ready: Prepared, spec: ImuSpec) 
     wanted = noise_wanted(recording.inputs, recording.gps)
     if wanted != "estimate":
         claimed = recording.gps is None or bool(np.isfinite(recording.gps.data.position_sd).all())
-        return with_known_noise(ready, spec, lasting=wanted == "fixes", sizes=not claimed)
+        known = with_known_noise(ready, spec, lasting=wanted == "fixes", sizes=not claimed)
+        return replace(ready, faults=known.faults) if as_given(recording.inputs) else known
     ready = replace(ready, kinds=better_kinds(recording.inputs, spec))
     found = identify_noise(ready, spec)
     if found is None:

@@ -122,15 +122,15 @@ def clock_offset(parts: Intervals, fixes: GpsData, *, worth: float = 0.0) -> Clo
     return replace(found, offset=found.offset - lag) if abs(lag) > max(LAG_WORTH, 5.0 * sd) else found
 
 
-def is_shown(found: ClockOffset) -> bool:
+def is_shown(clock: ClockOffset) -> bool:
     """Return whether turns or accelerations prove an offset."""
-    return max(abs(found.turns), found.accelerations) > SHOWN
+    return max(abs(clock.turns), clock.accelerations) > SHOWN
 
 
-def shown_values(found: ClockOffset) -> dict[str, Any]:
+def shown_values(clock: ClockOffset) -> dict[str, Any]:
     """Return an offset, and its correlations, as values of an error."""
-    turns, forces = (r if r > SHOWN else np.nan for r in (abs(found.turns), found.accelerations))
-    return {"found_s": found.offset, "sd_s": found.sd, "overlap_s": found.overlap, "turns": turns, "forces": forces}
+    turns, forces = (r if r > SHOWN else np.nan for r in (abs(clock.turns), clock.accelerations))
+    return {"found_s": clock.offset, "sd_s": clock.sd, "overlap_s": clock.overlap, "turns": turns, "forces": forces}
 
 
 def _moved(recording: Recording, offset: float) -> Recording:

@@ -64,6 +64,9 @@ def test_the_hand_calculation_of_the_laboratory(cli: Cli):
     north = [parts[name]["position_m"][0] for name in ("accel bias", "initial tilt", "gyro bias")]
     assert [round(value, 4) for value in north] == [0.8802, 0.9218, 0.0138]
     assert round(sum(north), 3) == 1.816
+    shown = cli("budget", "--imu", "lab.toml", "--lat", "0", "--gravity", "9.7803", "--sum", "worst")
+    for name, text in (("accel bias", "0.880"), ("initial tilt", "0.922"), ("gyro bias", "0.0138"), ("worst", "1.816")):
+        assert re.search(rf"^  {name}[a-z -]* +{re.escape(text)} ", shown.out, re.MULTILINE), shown.out
     assert facts["gravity_m_s2"] == pytest.approx(9.7803, abs=1e-8)
     assert "heading 90 deg, at a latitude of 0 deg, where gravity is 9.7803 m/s^2 (height 8 m)" in facts["motion"]
 

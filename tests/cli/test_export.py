@@ -4,9 +4,13 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
+
+from tests.output.test_export_formats import SBET, SMRMSG, circle
+from tests.output.test_export_formats import folder as _folder
 from tests.output.test_track_files import run as _run
 
-run = _run
+run, folder = _run, _folder
 
 
 def test_a_run_is_exported_once(cli, run, tmp_path, monkeypatch):
@@ -34,3 +38,18 @@ def test_what_cannot_be_exported_is_said(cli, run, tmp_path, monkeypatch):
         file.write_text("\n".join([head, lost, *rows]) + "\n")
     shown = cli("export", damaged, "--to", "gpx", "--out", "x.gpx")
     assert (shown.code, "session.rows_without_position" in shown.err) == (3, True)
+
+
+def test_the_command_writes_both_files_of_an_sbet(cli, folder, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    place = folder(circle())
+    assert cli("export", place, "--to", "sbet", "--rate", "50").code == 0
+    count = len(np.fromfile("sbet_track.out", SBET))
+    assert count == len(np.fromfile("smrmsg_track.out", SMRMSG)) > 900
+    (tmp_path / "sbet_track.out").unlink()
+    assert cli("export", place, "--to", "sbet").code == 4  # the other file is there
+    (tmp_path / "t.txt").write_text("604791.51\n700000\n")
+    shown = cli("export", place, "--to", "utm", "--epochs", "t.txt", "--point", "1,0,0")
+    assert shown.code == 0
+    assert "1 of 2 epochs" in shown.err
+    assert cli("export", place, "--to", "csv", "--poses").code == 3

@@ -83,6 +83,9 @@ def test_acceptance_of_published_powerups_says_what_they_are(bench: Path, cli: C
     assert round(found["sd_deg_s"], 5) == 0.00931
     assert round(found["variance_deg_s_2"] * 1e5, 3) == 8.666
     (warning,) = warnings_of(json.loads(shown.out))
+    text = cli("acceptance", "--powerups", lab_file("gyro_bias_repeatability.csv"), *named).out
+    assert "[deg/h]          33.5 " in text
+    assert "[deg/s]  0.00931 " in text
     assert warning.subject.startswith("gyro x")
     assert says(shown.err, warning)
 

@@ -55,6 +55,29 @@ def test_a_spike_is_replaced_and_nothing_else(imu, axis, size):
     np.testing.assert_array_equal(after, whole)
 
 
+@pytest.mark.parametrize(("axis", "size"), [(2, 0.2), (0, -0.7), (5, 3.0), (3, -5.0)])
+def test_a_small_jump_of_one_axis_alone_is_a_spike_as_by_a_changed_digit(imu, axis, size):
+    """0.7 rad/s for 10 ms turned the solution by 0.4 deg, of which nothing told."""
+    whole = np.hstack([imu.gyro, imu.accel])
+    found, (event,) = inspect(changed(imu, 700, axis, whole[700, axis] + size))
+    assert (event.code, event.begin) == (Code.IMU_SPIKE, imu.time[700])
+    assert np.hstack([found.gyro, found.accel])[700, axis] == pytest.approx(whole[699:702:2, axis].mean())
+
+
+@pytest.mark.parametrize("axes", [(2, 5), (0, 1)])
+def test_a_shock_that_several_axes_feel_is_none(imu, axes):
+    bad = imu
+    for axis in axes:
+        bad = changed(bad, 700, axis, np.hstack([imu.gyro, imu.accel])[700, axis] + (0.3 if axis < 3 else 3.0))
+    assert inspect(bad) == (bad, [])
+
+
+def test_a_vibration_of_one_axis_is_none(imu):
+    rows = np.arange(700, 712)
+    bad = changed(imu, rows, 2, imu.gyro[rows, 2] + 0.3 * (-1.0) ** rows)
+    assert inspect(bad) == (bad, [])
+
+
 def test_a_limit_below_the_largest_value_is_one_too(imu):
     """Gyros that clip at less than the largest value of the record: runs of the same value that none beside exceeds."""
     rows = slice(1000, 1400)

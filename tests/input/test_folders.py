@@ -282,3 +282,14 @@ def test_real_phyphox():
     assert len(gps.data.time) == 35
     assert np.allclose(np.degrees(gps.data.lla[0, :2]), (43.565, 1.3925), atol=1e-3)
     assert gps.data.position_sd[0, 0] == pytest.approx(669.386 / 1.5096, rel=1e-4)
+
+
+def test_the_two_files_of_imu_tk_are_one_recording(save):
+    """Tedaldi et al., imu_tk: time, x, y, z of the accelerometers and of the gyros, without a header or units."""
+    files = {}
+    for name, rows in (("xsens_acc.mat", SAMPLES.accel), ("xsens_gyro.mat", SAMPLES.gyro)):
+        table = np.column_stack([SAMPLES.t, rows])
+        files[name] = "".join("   ".join(f"{x:.12e}" for x in row) + "\n" for row in table).encode()
+    reading = read_imu(save(files))
+    assert np.allclose(reading.data.accel, SAMPLES.accel)
+    assert np.allclose(reading.data.gyro, SAMPLES.gyro)

@@ -5,12 +5,14 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+import pyproj
 import pytest
 
 from insnav.exceptions import InputError
 from insnav.findings import Code
+from insnav.input import read_gps
 from insnav.input.readers.specific_force import read_heights
-from tests.input.files import noted, write
+from tests.input.files import fixes, noted, write
 
 T = np.arange(50) / 2.0
 H = 100.0 + 3.0 * np.sin(T)
@@ -48,3 +50,35 @@ def test_what_is_missing_is_named(tmp_path: Path, header: str):
     with pytest.raises(InputError) as refused:
         read_heights(write(tmp_path / "h.csv", np.column_stack([T, H]), header))
     assert header.split(",")[0] in refused.value.details()[1][1]
+
+
+@pytest.fixture
+def grid(tmp_path: Path):
+    """A grid of PROJ in the GTX format: south-west corner, steps, rows and columns, heights from the south."""
+    lat, lon = np.mgrid[-90:91:5, -180:181:5].astype(float)
+    head = np.array([-90.0, -180.0, 5.0, 5.0], dtype=">f8").tobytes() + np.array(lat.shape, dtype=">i4").tobytes()
+    (tmp_path / "egm96_15.gtx").write_bytes(head + (0.5 * lat + 0.25 * lon).astype(">f4").tobytes())
+    before = pyproj.datadir.get_data_dir()
+    pyproj.datadir.set_data_dir(f"{before}:{tmp_path}")
+    yield
+    pyproj.datadir.set_data_dir(before)
+
+
+@pytest.mark.parametrize("header", ["time_s,lat_deg,lon_deg,height_msl_m", "time_s,lat_rad,lon_rad,height_msl_m"])
+def test_heights_above_sea_level_are_converted_with_an_installed_geoid(tmp_path: Path, grid: None, header: str):
+    rows = fixes()[:, :4]
+    if "rad" in header:
+        rows[:, 1:3] = np.radians(rows[:, 1:3])
+    read = read_gps(write(tmp_path / "gps.csv", rows, header))
+    lat, lon = np.degrees(read.data.lla[:, :2]).T
+    np.testing.assert_allclose(read.data.lla[:, 2], 500.0 + 0.5 * lat + 0.25 * lon, atol=1e-4)
+    assert read.facts.height == "ellipsoidal"
+    (added,) = noted(read, Code.READ_HEIGHT_GEOID_ADDED)
+    assert (added["grid"], added["height_m"]) == ("us_nga_egm96_15.tif", pytest.approx(26.75, abs=0.01))
+
+
+def test_heights_above_sea_level_stay_without_a_geoid_and_the_difference_is_stated(tmp_path: Path):
+    read = read_gps(write(tmp_path / "gps.csv", fixes()[:, :4], "time_s,lat_deg,lon_deg,height_msl_m"))
+    assert read.facts.height == "msl"
+    np.testing.assert_allclose(read.data.lla[:, 2], 500.0)
+    assert noted(read, Code.READ_HEIGHT_MSL)

@@ -166,3 +166,23 @@ def test_real_navego():
     reference = read_reference(REAL / "matlab" / "navego_ref.mat").data
     assert len(reference.time) == 1260
     assert np.isfinite(reference.rph).all()
+
+
+@pytest.mark.parametrize("array", ["imu", "gps", "gps4"])
+def test_psins_arrays_as_text_are_read_as_from_the_mat_file(tmp_path, array):
+    rows = psins()[array.rstrip("4")]
+    path = tmp_path / "array.txt"
+    path.write_text(
+        "".join("  ".join(f"{x: .14e}" for x in row) + "\n" for row in (rows[:, 3:] if array == "gps4" else rows))
+    )
+    if array == "imu":
+        data = read_imu(path).data
+        assert data.sampling == "increment"
+        assert np.allclose(data.gyro, SAMPLES.gyro * 0.01)
+        assert np.allclose(data.accel, SAMPLES.accel * 0.01)
+        return
+    data = read_gps(path).data
+    assert np.allclose(data.time, TOW + FIXES.t)
+    assert same_places(data)
+    if array == "gps":
+        assert np.allclose(data.v_n, FIXES.v_n)

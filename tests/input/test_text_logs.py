@@ -83,6 +83,7 @@ def test_kf_gins_increments_and_reference(save):
     "change",
     [
         lambda n: np.column_stack([n[:, 0], n[:, 1:] * 1000.0]),  # not gravity
+        lambda n: n[:, [1, 2, 3, 4, 5, 6, 0]] * [1, 1, 1, 2, 2, 2, 1],  # time last, but not gravity
         lambda n: n[::-1],  # time goes back
         lambda n: n[:, [1, 0, 2, 3, 4, 5, 6]],
         lambda n: n[:, :6],

@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+import zipfile
 from pathlib import Path
 
 import numpy as np
+import pymap3d
 import pytest
+from scipy.integrate import cumulative_simpson
 
 from insnav.exceptions import InputError
 from insnav.findings import Code
-from insnav.input import read_gps, read_imu
+from insnav.input import read_gps, read_imu, read_reference
+from insnav.input.interpret.columns import match_header
+from insnav.input.interpret.schema import GPS_SCHEMA
 from tests.input.files import IMU_HEADER, fixes, noted, rolling
 from tests.refusals import refused
 
@@ -162,3 +167,108 @@ def test_columns_are_not_suggested_against_their_names(tmp_path):
     with refused(InputError, "columns.missing") as caught:
         read_gps(path)
     assert not caught.value.gives
+
+
+@pytest.mark.parametrize("device", ["", "inertial-6254.12345.", "6254.12345_", "3DM-GX5-25 6251_98765:"])
+def test_channels_of_sensorconnect_follow_the_name_of_the_device(tmp_path, device):
+    imu = rolling()
+    names = [f"{device}scaled{sensor}{axis}" for sensor in ("Gyro", "Accel") for axis in "XYZ"]
+    rows = np.column_stack([imu[:, :4], imu[:, 4:] / 9.80665])
+    path = _table(tmp_path / "imu.csv", ",".join(["Time", *names]), rows, "%.6f " + "%.9f " * 6)
+    reading = read_imu(path)
+    np.testing.assert_allclose(reading.data.gyro, imu[:, 1:4], atol=1e-8)
+    np.testing.assert_allclose(reading.data.accel, imu[:, 4:], atol=1e-7)
+
+
+def test_datcon_names_the_device_before_a_colon(tmp_path):
+    """DJI DatCon: the second IMU is not read, and heights are above sea level."""
+    imu = rolling()
+    names = [f"IMU_ATTI(0):{sensor}{axis}" for sensor in ("gyro", "accel") for axis in "XYZ"]
+    header = ",".join(["Clock:offsetTime", *names, "GPS(0):Lat", "GPS(0):Long", "GPS(0):heightMSL"])
+    place = fixes(30)[np.repeat(np.arange(30), 100), 1:4]
+    rows = np.column_stack([imu[:, 0], np.degrees(imu[:, 1:4]), imu[:, 4:] / 9.80665, place])
+    path = _table(tmp_path / "flight.csv", header, rows, "%.6f " + "%.9f " * 9)
+    np.testing.assert_allclose(read_imu(path).data.gyro, imu[:, 1:4], atol=1e-8)
+    assert read_gps(path).facts.height == "msl"
+
+
+def test_empty_columns_of_a_date_do_not_hide_the_counter(tmp_path):
+    """Text of Xsens MT Manager: the date is written twice, and empty without a receiver."""
+    imu, dates = rolling(), "Year,Month,Day,Second,UTC_Nano,UTC_Year,UTC_Month,UTC_Day,UTC_Hour,UTC_Minute,UTC_Second"
+    rows = [[f"{round(row[0] * 1e4)}", *[""] * 11, *(f"{x:.9f}" for x in row[1:])] for row in imu]
+    lines = [
+        "// Start Time: Unknown",
+        "// Sample rate: 100.0Hz",
+        f"SampleTimeFine,{dates},Gyr_X,Gyr_Y,Gyr_Z,Acc_X,Acc_Y,Acc_Z",
+    ]
+    path = tmp_path / "mt.txt"
+    path.write_text("\n".join([line.replace(",", "\t") for line in lines] + ["\t".join(row) for row in rows]) + "\n")
+    np.testing.assert_allclose(read_imu(path).data.time, imu[:, 0], atol=1e-6)
+
+
+def test_tables_of_the_smartphone_decimeter_challenge(tmp_path):
+    """Kaggle: messages of three sensors by turns, and one row a satellite with the least-squares position."""
+    imu, place = rolling(), fixes(30)
+    lines = ["MessageType,utcTimeMillis,elapsedRealtimeNanos,MeasurementX,MeasurementY,MeasurementZ,BiasX,BiasY,BiasZ"]
+    for row in imu:
+        for kind, x, y, z in (("UncalAccel", *row[4:]), ("UncalGyro", *row[1:4]), ("UncalMag", 1.0, 2.0, 3.0)):
+            lines.append(f"{kind},{round(row[0] * 1e3)},1,{y:.9f},{x:.9f},{-z:.9f},0,0,0")
+    path = tmp_path / "device_imu.csv"
+    path.write_text("\n".join([*lines, ""]))
+    reading = read_imu(path)
+    np.testing.assert_allclose(reading.data.gyro, imu[:, 1:4], atol=1e-6)
+    np.testing.assert_allclose(reading.data.accel, imu[:, 4:], atol=1e-6)
+    lines = [
+        "MessageType,utcTimeMillis,Svid,SvPositionXEcefMeters,WlsPositionXEcefMeters,WlsPositionYEcefMeters,WlsPositionZEcefMeters"
+    ]
+    for row in place:
+        x, y, z = pymap3d.geodetic2ecef(*row[1:4])
+        lines += [f"Raw,{round(row[0] * 1e3)},{number},2.1e7,{x:.4f},{y:.4f},{z:.4f}" for number in (3, 5, 9)]
+    path = tmp_path / "device_gnss.csv"
+    path.write_text("\n".join([*lines, ""]))
+    reading = read_gps(path)
+    np.testing.assert_allclose(reading.data.time, place[:, 0])
+    np.testing.assert_allclose(np.degrees(reading.data.lla[:, 0]), place[:, 1], atol=1e-7)
+
+
+def test_a_year_in_a_name_is_no_device():
+    """ "since 1970" is no serial number, of which the rest would be a name."""
+    assert match_header("height above 1985 z (ms)", GPS_SCHEMA) is None
+    assert match_header("sats 2024(s)", GPS_SCHEMA) is None
+
+
+@pytest.mark.parametrize("kind", ["xlsx", "ods", "xls"])
+def test_a_spreadsheet_is_named_and_its_export_advised(tmp_path, kind):
+    path = tmp_path / f"drive.{kind}"
+    member = {"xlsx": "xl/workbook.xml", "ods": "content.xml"}.get(kind)
+    with zipfile.ZipFile(path, "w") as archive:
+        for name in ("[Content_Types].xml", member or "x", "docProps/app.xml"):
+            archive.writestr(name, "<xml/>")
+    if member is None:
+        path.write_bytes(bytes.fromhex("d0cf11e0a1b11ae1") + bytes(5000))
+    with refused(InputError, "format.other_data") as caught:
+        read_imu(path)
+    assert caught.value.values["kind"] == "a spreadsheet"
+    assert "CSV" in caught.value.fix
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+@pytest.mark.parametrize("velocities", [True, False])
+@pytest.mark.parametrize(("unit", "bends"), [("rad", 0.3), ("rad", 2.0), ("deg", 0.07), ("deg", 2.0)])
+def test_the_course_tells_the_unit_of_attitude_without_one(tmp_path, unit, bends, velocities, sign):
+    """On small bends, headings in degrees are below two pi, too."""
+    time = np.arange(0.0, 60.0, 0.5)
+    course = 0.02 + bends * np.sin(0.2 * time)
+    v = 10.0 * np.column_stack([np.cos(course), np.sin(course)])
+    ned = cumulative_simpson(v, x=time, axis=0, initial=0.0)
+    place = [48.0 + ned[:, 0] / 111.2e3, 11.0 + ned[:, 1] / (111.2e3 * np.cos(np.radians(48.0)))]
+    angles = np.column_stack([np.full(len(time), 0.02), np.full(len(time), -0.01), sign * course])
+    header = "time_s,lat_deg,lon_deg,height_m" + ",vn_m_s,ve_m_s,vd_m_s" * velocities + ",roll,pitch,yaw"
+    moving = [*v.T, np.zeros(len(time))] if velocities else []
+    shown = angles if unit == "rad" else np.degrees(angles)
+    rows = np.column_stack([time, *place, np.full(len(time), 500.0), *moving, shown])
+    reading = read_reference(_table(tmp_path / "ref.csv", header, rows, "%.9f " * rows.shape[1]))
+    np.testing.assert_allclose(np.sin(reading.data.rph - angles), 0.0, atol=1e-6)
+    code = Code.READ_ANGLES_ATTITUDE_BY_COURSE if unit == "rad" else Code.READ_ANGLES_ATTITUDE_ASSUMED
+    (told,) = noted(reading, code)
+    assert (told["columns"], told["unit"]) == (("roll", "pitch", "yaw"), unit)

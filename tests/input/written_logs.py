@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import binascii
+import json
 import struct
 import zlib
 
@@ -246,3 +247,50 @@ def inertial_explorer(fixes: Motion = FIXES, *, kind: str = "blanks", attitude: 
         cells += ["0.2", "0.1", "0.3"] + [f"{(heading + 180.0) % 360.0 - 180.0:.9f}", "-1.0", "0.5"] * attitude
         lines.append(between.join(cells))
     return (head + "\n".join([*lines, "", "Footer: the end", ""])).encode()
+
+
+def vbox(fixes: Motion = FIXES) -> bytes:
+    """Racelogic, "VBO file format": sections, UTC, minutes north and west, km/h, metres above sea level."""
+    head = "File created on 27/08/2025 at 12:00:05\r\n\r\n[header]\r\nsatellites\r\ntime\r\nlatitude\r\nlongitude\r\n"
+    head += "velocity kmh\r\nheading\r\nheight\r\nvertical velocity m/s\r\n\r\n[channel units]\r\n\r\n[comments]\r\n"
+    head += "(c) 2001 2003 Racelogic\r\nLog Rate (Hz) : 05.00\r\n\r\n[column names]\r\n"
+    rows = [head + "sats time lat long velocity heading height vert-vel ", "", "[data]"]
+    for t, lla, v, heading in zip(fixes.t, fixes.lla, fixes.v_n, fixes.heading, strict=True):
+        second = TOW % 86400.0 - 18.0 + t
+        clock = f"{second // 3600:02.0f}{second % 3600 // 60:02.0f}{second % 60:06.3f}"
+        place = f"{60 * lla[0]:+014.8f} {-60 * lla[1]:+014.8f}"
+        speed = f"{3.6 * np.hypot(*v[:2]):07.3f} {heading:06.2f} {lla[2]:+09.2f} {-v[2]:+08.3f}"
+        rows.append(f"{9 + 128:03d} {clock} {place} {speed}")
+    return "\r\n".join([*rows, ""]).encode()
+
+
+def openpilot(motion: Motion = SAMPLES, fixes: Motion = FIXES) -> bytes:
+    """comma.ai, ``log.capnp`` as one JSON object a line: times since the start of the device in nanoseconds."""
+    parts = []
+    for t, w, f in zip(motion.t, motion.gyro, motion.accel, strict=True):
+        now = round((BOOT + t) * 1e9)
+        for kind, name, value in (("accelerometer", "acceleration", f), ("gyroscope", "gyroUncalibrated", w)):
+            event = {"version": 1, "sensor": 1, "type": 1, "timestamp": now - 900, name: {"v": [*value], "status": 3}}
+            parts.append((t, {"logMonoTime": now, "valid": True, kind: event}))
+    for t, lla, v, heading in zip(fixes.t, fixes.lla, fixes.v_n, fixes.heading, strict=True):
+        fix = {"flags": 1, "latitude": lla[0], "longitude": lla[1], "altitude": lla[2], "speed": np.hypot(*v[:2])}
+        fix |= {"bearingDeg": heading, "horizontalAccuracy": 1.0, "verticalAccuracy": 2.0, "speedAccuracy": 0.2}
+        fix |= {"unixTimestampMillis": round((UNIX + t) * 1e3), "vNED": [*v]}
+        parts.append((t, {"logMonoTime": round((BOOT + t) * 1e9), "valid": True, "gpsLocationExternal": fix}))
+    parts.append((-1.0, {"logMonoTime": 1, "valid": True, "carState": {"vEgo": 3.0}}))
+    return "".join(json.dumps(each) + "\n" for _, each in sorted(parts, key=lambda part: part[0])).encode()
+
+
+def bdd100k(motion: Motion = SAMPLES, fixes: Motion = FIXES) -> bytes:
+    """BDD100K, "info": one document with arrays of records, in milliseconds since 1970 and g."""
+    found: dict[str, object] = {"rideID": "a-b", "startTime": round(UNIX * 1e3), "timelapse": False}
+    for name, times, rows in (("accelerometer", motion.t, motion.accel / 9.80665), ("gyro", motion.t, motion.gyro)):
+        stamped = zip(times, rows, strict=True)
+        found[name] = [
+            {"timestamp": round((UNIX + t) * 1e3), **dict(zip("xyz", row, strict=True))} for t, row in stamped
+        ]
+    found["locations"] = [
+        {"timestamp": round((UNIX + t) * 1e3), "latitude": a, "longitude": b, "speed": np.hypot(*v[:2]), "course": c}
+        for t, (a, b, _), v, c in zip(fixes.t, fixes.lla, fixes.v_n, fixes.heading, strict=True)
+    ]
+    return json.dumps(found).encode()

@@ -92,7 +92,9 @@ class Interval:
             *model,
             self.phi,
             self.q,
-            *errorstate.Outputs(np.array([np.inf, 1.0, 0.0]), none, empty, np.empty((0, 10)), none, np.empty((0, 6))),
+            *errorstate.Outputs(
+                np.array([np.inf, 1.0, 0.0]), empty, none, empty, empty, np.empty((0, 10)), none, np.empty((0, 6))
+            ),
             *errorstate.scratch(),
         )
         assert stop == n

@@ -109,7 +109,7 @@ TABLES = (
     Case("12_allan_z_up", _noise("static.csv", 0), 0.69),
     Case("14_gopro_tables", _clocks("."), [0.0, 100.0, 0.99, 21]),
     Case("16_two_antenna_heading_enu", _heading_offset, -90.0),
-    Case("18_six_positions_matrix", _calibrated, 1.02195, "calibrate accel takes angles of a dividing head only"),
+    Case("18_six_positions_matrix", _calibrated, 1.02195),
     Case("f01_allan_deg_s_unlabelled", _noise("static.csv", 0), 0.30),
     Case("f03_ulog_alt_ellipsoid", _height("log_sensor_combined_0.csv", "log_vehicle_gps_position_0.csv"), 1.141),
     Case("f05_androsensor", _clocks("Sensor_record.csv"), [0.1, 10.0, 0.1, 70]),

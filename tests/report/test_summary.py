@@ -23,6 +23,7 @@ from insnav.report.run.quantities import mean_nis
 from insnav.report.style import number
 from insnav.result import Result
 from insnav.sample_statistics import rms, rms_length
+from insnav.types import AidingUse
 from tests.report.conftest import READING, result_of, stored
 
 WARNING = Severity.WARNING
@@ -272,6 +273,15 @@ def test_many_rejected_fixes_are_pointed_out_and_few_are_not(driven, navigated):
     (told,) = run_warnings(EvaluatedRun(bad))
     assert (told.code, told.subject, told.values) == (Code.RUN_ROW_REJECTED, "velocity", ())
     assert (told.begin, told.end) == (fixes.time[row][0], fixes.time[row][-1])
+
+
+@pytest.mark.parametrize(("name", "rejected", "warned"), [("heading", 11, 1), ("heading", 9, 0), ("nhc", 60, 0)])
+def test_rejected_headings_are_pointed_out_with_their_number(driven, name, rejected, warned):
+    """More than a tenth, as of the fixes. Constraints that turns break are no measurements."""
+    run, _, _ = driven
+    bad = replace(run, aiding=(AidingUse(name, 100, rejected, 0.01, 1.0, "rad"),))
+    found = [each for each in run_warnings(EvaluatedRun(bad)) if each.code is Code.RUN_HEADINGS_REJECTED]
+    assert [(each["count"], each["total"], each.severity) for each in found] == [(11, 100, WARNING)] * warned
 
 
 def test_a_scale_factor_that_no_sensor_has_is_pointed_out(driven):

@@ -292,9 +292,10 @@ def schuler(kind: Process, order: int, time: ArrayLike, rate: float) -> FloatArr
 
     Notes
     -----
-    The loop ``dv' = -g phi + B``, ``phi' = dv / R - eps`` multiplies the short form of a constant, with x = w_s t, by
-    cos x, sin x / x, 2 (1 - cos x) / x^2, 6 (x - sin x) / x^3 for n = 0 to 3 (Groves 2013, section 5.7; Titterton and
-    Weston 2004, chapter 12), and by 24 (x^2 / 2 - 1 + cos x) / x^4 for n = 4. White noise sums squared pulse responses:
+    The loop ``dv' = -g phi + B``, ``phi' = dv / R - eps`` multiplies the short form of a constant by a factor of
+    x = w_s t. For n = 0 to 4 it is ``cos x``, ``sin x / x``, ``2 (1 - cos x) / x^2``, ``6 (x - sin x) / x^3`` and
+    ``24 (x^2 / 2 - 1 + cos x) / x^4``. Sources up to n = 3: Groves (2013), section 5.7; Titterton and Weston (2004),
+    chapter 12. White noise sums squared pulse responses:
     the integral of the squared response of one order less.
     """
     x = rate * np.asarray(time, dtype=np.float64)

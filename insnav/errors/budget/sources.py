@@ -1,8 +1,8 @@
 """Input of all parts of a budget: the motion as sensed by an IMU, sample by sample, and independent scalar sources.
 
 `insnav.imu.error_terms.TERMS` defines the sensor terms; errors of initial state, gravity and timing are added. The list
-contains all 39 sources of the covariance budget of the PSINS toolbox (attitude, velocity, position, gyro and
-accelerometer bias, white noise of both, the nine elements of both sensor matrices) and more.
+contains all 39 sources of the covariance budget of the PSINS toolbox, and more. The 39 are attitude, velocity,
+position, bias and white noise of both sensor triads, and the nine elements of both sensor matrices.
 """
 
 from __future__ import annotations

@@ -269,8 +269,8 @@ class Regression:
     """Regression of recorded error sizes on predicted standard deviations."""
 
     slope: float  # one if the prediction is right, two if errors are twice as large
-    # 95 % confidence interval: the wider of block bootstrap and chi-square (two axes per independent window, one window
-    # if all share turn-on errors); ``NaN`` for a too small effective sample size
+    # 95 % confidence interval: the wider of block bootstrap and chi-square. Chi-square counts two axes per independent
+    # window, and one window if all share turn-on errors. ``NaN``: the effective sample size is too small
     low: float
     high: float
     # share of the variation explained by the line [-]: at most about 0.6 for normal errors of very different predicted

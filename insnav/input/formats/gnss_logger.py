@@ -1,8 +1,11 @@
 """Android GnssLogger files: ``Fix`` lines, and ``UncalAccel``, ``UncalGyro`` (``Accel``, ``Gyro``) if present.
 
+Also ``device_imu.csv`` of the Google Smartphone Decimeter Challenge: its first line names the columns of all messages.
+
 References
 ----------
 google/gps-measurement-tools, GnssLogger: header lines ``# Fix,…`` name the columns of each version.
+Kaggle, "Google Smartphone Decimeter Challenge 2022", data description.
 """
 
 from __future__ import annotations
@@ -23,6 +26,7 @@ from insnav.types import FloatArray
 name = "Android GnssLogger file"
 
 _HEADER = re.compile(rb"^#[ \t]*(Fix|UncalAccel|UncalGyro|Accel|Gyro),(.*?)[ \t]*\r?$", re.M)
+_MESSAGES = re.compile(rb"\A(?:\xef\xbb\xbf)?MessageType,(utcTimeMillis,[^\r\n]*MeasurementX,.*?)[ \t]*\r?$", re.M)
 _LINE = re.compile(rb"^(Fix|UncalAccel|UncalGyro|Accel|Gyro),(.*?)\r?$", re.M)
 # columns by meaning, in the spellings of all versions
 _FIX = {
@@ -38,20 +42,21 @@ _FIX = {
     "accuracy_d_m": ("VerticalAccuracyMeters",),
 }
 _SENSORS = {
-    "accel": (("UncalAccel", "UncalAccel{}Mps2"), ("Accel", "Accel{}Mps2")),
-    "gyro": (("UncalGyro", "UncalGyro{}RadPerSec"), ("Gyro", "Gyro{}RadPerSec")),
+    "accel": (("UncalAccel", "UncalAccel{}Mps2"), ("Accel", "Accel{}Mps2"), ("UncalAccel", "Measurement{}")),
+    "gyro": (("UncalGyro", "UncalGyro{}RadPerSec"), ("Gyro", "Gyro{}RadPerSec"), ("UncalGyro", "Measurement{}")),
 }
 _TIMES = ("utcTimeMillis", "UtcTimeMillis", "UnixTimeMillis")
 
 
 def recognise(source: Source) -> bool:
-    return re.search(rb"^#[ \t]*Fix,Provider,", source.head, re.M) is not None
+    return bool(re.search(rb"^#[ \t]*Fix,Provider,", source.head, re.M) or _MESSAGES.match(source.head))
 
 
 def read(source: Source) -> Mapping[str, Table]:
     columns = {
         kind.decode(): [each.strip() for each in names.decode("latin-1").split(",")]
         for kind, names in _HEADER.findall(source.head)
+        or [(kind, names) for names in _MESSAGES.findall(source.head) for kind in (b"UncalAccel", b"UncalGyro")]
     }
     lines: dict[str, list[list[str]]] = {}
     for kind, words in _LINE.findall(source.data):

@@ -1,12 +1,13 @@
-"""Text files of KF-GINS and PSINS-like programs: numbers separated by blanks, no header.
+"""Text files of KF-GINS and PSINS: numbers separated by blanks, no header.
 
 GNSS: seconds of the week, latitude, longitude [deg], height [m], standard deviations North, East, Down [m], optionally
 velocity with standard deviations. IMU: seconds of the week, increments of angle [rad] and of velocity [m/s],
-Forward-Right-Down. A file is recognised only if its numbers have no other interpretation.
+Forward-Right-Down. PSINS: time last, increments Right-Forward-Up, positions in radians, velocities East, North, Up. A
+file is recognised only if its numbers have no other interpretation.
 
 References
 ----------
-KF-GINS, i2Nav, Wuhan University: README, "dataset"; Niu, X. et al.
+KF-GINS, i2Nav, Wuhan University: README, "dataset"; Niu, X. et al. Yan, G., PSINS toolbox, imuplot.m, gpsplot.m.
 """
 
 from __future__ import annotations
@@ -22,17 +23,21 @@ from insnav.input.formats.table import Table
 from insnav.input.formats.text_dialect import Dialect
 from insnav.input.formats.time_scales import WEEK
 from insnav.types import FloatArray
+from insnav.units import DEG
 
 name = "KF-GINS text file"
 
-_POSITION = ("time_s", "lat_deg", "lon_deg", "height_m", "sd_n_m", "sd_e_m", "sd_d_m")
 _VELOCITY = ("vn_m_s", "ve_m_s", "vd_m_s", "sd_vn_m_s", "sd_ve_m_s", "sd_vd_m_s")
-_IMU = ("time_s", "dtheta_x_rad", "dtheta_y_rad", "dtheta_z_rad", "dvel_x_m_s", "dvel_y_m_s", "dvel_z_m_s")
-_SOLUTION = (
-    "week", "time_s", "lat_deg", "lon_deg", "height_m", "vn_m_s", "ve_m_s", "vd_m_s", "roll_deg", "pitch_deg",
-    "heading_deg",
-)  # fmt: skip
+_POSITION = ("time_s", "lat_deg", "lon_deg", "height_m", "sd_n_m", "sd_e_m", "sd_d_m")
+_IMU = ("dtheta_x_rad", "dtheta_y_rad", "dtheta_z_rad", "dvel_x_m_s", "dvel_y_m_s", "dvel_z_m_s")
+_SOLUTION = ("week", *_POSITION[:4], *_VELOCITY[:3], "roll_deg", "pitch_deg", "heading_deg")
+_PSINS = ("lat_rad", "lon_rad", "height_m", "time_s")
+_LAYOUTS = (
+    *(("gps", (*_POSITION, *_VELOCITY)), ("gps", _POSITION), ("reference", _SOLUTION), ("imu", ("time_s", *_IMU))),
+    *(("imu", (*_IMU, "time_s")), ("gps", ("ve_m_s", "vn_m_s", "vu_m_s", *_PSINS)), ("gps", _PSINS)),
+)
 _GRAVITY = (9.3, 10.3)  # sum of velocity increments per second [m/s^2]
+_FASTEST_FIXES = 0.04  # receivers have 0.05 s or more; samples in another unit are faster [s]
 _ROWS = 20  # rows examined
 
 
@@ -45,7 +50,7 @@ def read(source: Source) -> Mapping[str, Table]:
     part, headers = _layout(source.head)
     cells = TextCells(source.name, text, Dialect(" ", ".", headers, None, 0, 1), zeros)
     notes = (Finding.of(Code.READ_COLUMNS_BY_VALUES, columns=headers, format=name),)
-    axes = "FRD" if part == "imu" else ""
+    axes = "" if part != "imu" else "FRD" if headers[0] == "time_s" else "RFU"
     return {part: Table(source.name, source.sha256, headers, cells, notes=notes, axes=axes)}
 
 
@@ -59,23 +64,29 @@ def _layout(head: bytes) -> tuple[str, tuple[str, ...]]:
         return "", ()
     if numbers.ndim != 2 or len(numbers) < 2 or not np.isfinite(numbers).all():
         return "", ()
-    width = numbers.shape[1]
-    time = numbers[:, 1 if width == 11 else 0]
-    step = np.diff(time)
-    if not (step > 0.0).all() or time[0] < 0.0 or time[-1] > WEEK:
-        return "", ()
-    sd = numbers[:, [4, 5, 6, *range(10, width)]] if width in (7, 13) else np.zeros(1)
-    if ((sd > 0.0) & (sd < 1e3)).all() and _is_place(numbers[:, 1:4]):
-        return "gps", (*_POSITION, *_VELOCITY)[:width]
-    if width == 11 and _is_place(numbers[:, 2:5]) and (numbers[:, 0] == numbers[0, 0]).all():
-        whole = 500.0 < numbers[0, 0] < 10_000.0 and float(numbers[0, 0]).is_integer()
-        return ("reference", _SOLUTION) if whole and (np.abs(numbers[:, 8:10]) <= 180.0).all() else ("", ())
-    if width == 7 and float(np.median(step)) < 0.5:
-        felt = np.median(np.linalg.norm(numbers[1:, 4:], axis=1) / step)
-        turned = np.median(np.linalg.norm(numbers[1:, 1:4], axis=1) / step)
-        if _GRAVITY[0] < felt < _GRAVITY[1] and turned < 10.0 and np.median(step) < 0.2:
-            return "imu", _IMU
-    return "", ()
+    fitting = (layout for layout in _LAYOUTS if len(layout[1]) == numbers.shape[1] and _fits(numbers, layout[1]))
+    return next(fitting, ("", ()))
+
+
+def _fits(numbers: FloatArray, headers: tuple[str, ...]) -> bool:
+    """Test whether rows ``(n, columns)`` have the times, increments, positions and deviations of a layout."""
+    at = {header: numbers[:, i] for i, header in enumerate(headers)}
+    time, step = at["time_s"], np.diff(at["time_s"])
+    sd = np.array([at[header] for header in headers if header.startswith("sd_")])
+    if not ((step > 0.0).all() and time[0] >= 0.0 and time[-1] <= WEEK and ((sd > 0.0) & (sd < 1e3)).all()):
+        return False
+    if "lat_rad" in at and not np.median(step) > _FASTEST_FIXES:
+        return False
+    week = at.get("week", np.array([1000.0]))
+    whole = 500.0 < week[0] < 10_000.0 and float(week[0]).is_integer() and (week == week[0]).all()
+    if not whole or ("week" in at and np.abs(numbers[:, 8:10]).max() > 180.0):
+        return False
+    if "dtheta_x_rad" in at:
+        turned, felt = (np.array([at[header][1:] for header in part]) / step for part in (_IMU[:3], _IMU[3:]))
+        gravity, rate = (float(np.median(np.linalg.norm(each, axis=0))) for each in (felt, turned))
+        return bool(_GRAVITY[0] < gravity < _GRAVITY[1] and rate < 10.0 and np.median(step) < 0.2)
+    angles = [at[header] / (1.0 if "deg" in header else DEG) for header in headers if header[:3] in ("lat", "lon")]
+    return _is_place(np.column_stack([*angles, at["height_m"]]))
 
 
 def _is_place(lla: FloatArray) -> bool:

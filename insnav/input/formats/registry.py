@@ -14,7 +14,7 @@ from insnav.exceptions import ConfigError, InputError, reason_of
 from insnav.input.formats import delimited_text, nmea
 from insnav.input.formats.source import Source, open_source
 from insnav.input.formats.table import Table
-from insnav.input.formats.unsupported import refusal
+from insnav.input.formats.unsupported import SHEETS, refusal
 from insnav.input.interpret.composed import composed
 from insnav.plain_text import plain_text
 
@@ -71,6 +71,8 @@ def tables_of(source: Source) -> Mapping[str, Table]:
     """Read the tables of an opened file."""
     chosen = next((each for each in formats() if each.recognise(source)), None)
     if chosen is None:
+        if SHEETS & source.members.keys():
+            raise InputError("format.other_data", where=source.name, kind="a spreadsheet")
         if source.members or not source.data:
             raise _folder(source)
         raise refusal(source.head, source.name, suffixes())

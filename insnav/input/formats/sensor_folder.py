@@ -44,7 +44,7 @@ _KINDS = {
     ),
     "linear": ("linearaccelerometer", "linearacceleration"),
     "gravity": ("gravity",),
-    "gps": ("location", "locationgps", ".*gps"),
+    "gps": ("location", "locationgps", "locations", "gpslocation.*", ".*gps"),
     "reference": ("refpos",),
     "time": ("time", "gpstime"),
 }
@@ -103,7 +103,7 @@ def _stem(path: str) -> str:
 
 def _paths(source: Source) -> dict[str, str]:
     """Find the best file of each kind by name."""
-    there = sorted(path for path in source.members if path.lower().endswith((".csv", ".txt")))
+    there = sorted(path for path in source.members if path.lower().endswith((".csv", ".txt", ".mat")))
     found: dict[str, str] = {}
     for kind, patterns in _KINDS.items():
         ranked = [path for pattern in patterns for path in there if re.fullmatch(pattern, _stem(path))]
@@ -117,7 +117,9 @@ def _open(source: Source, path: str, kind: str) -> _File:
 
     file = source.members[path]()
     table = composed(delimited_text.read(file)[""])
-    headers = tuple(_named(header, kind) for header in table.headers) if kind in _PLAIN else table.headers
+    known = _NATIVE in table.headers  # it defines the units
+    headers = ("time", *"xyz") if table.headers == ("1", "2", "3", "4") else table.headers  # imu_tk
+    headers = tuple(_named(header, kind, known) for header in headers) if kind in _PLAIN else table.headers
     table = replace(table, headers=headers, format=name)
     found, _ = understand(headers, table.units, IMU_SCHEMA, where=file.name)
     wanted = ("time", *(f"{sensor}_{axis}" for sensor in ("gyro", "accel") for axis in "xyz"))
@@ -127,12 +129,12 @@ def _open(source: Source, path: str, kind: str) -> _File:
     return _File(file, table, there, table.cells.read([each.index for each in there.values()]))
 
 
-def _named(header: str, kind: str) -> str:
-    """Return the header of a sensor axis."""
+def _named(header: str, kind: str, known: bool) -> str:
+    """Return the header of a sensor axis, with the unit if it is known."""
     if (axis := _AXIS.fullmatch(header)) is None:
         return header
     plain = _PLAIN[kind]["xyz".index(axis[1].lower())]
-    return f"{plain[: plain.index('_') + 2]}{axis[2]}" if axis[2] else plain
+    return plain if known and not axis[2] else f"{plain[: plain.index('_') + 2]}{axis[2] or ''}"
 
 
 def _with_times(file: _File, times: Sequence[_File]) -> _File:
@@ -165,7 +167,7 @@ def _samples(source: Source, gyro: _File, force: _File, *gravity: _File) -> Tabl
     headers += tuple(force.found[key].header for key in keys[3:])
     notes = [*gyro.table.notes, Finding.of(Code.READ_IMU_INTERPOLATED)]
     notes += [Finding.of(Code.READ_IMU_GRAVITY_ADDED)] * len(gravity)
-    phone = _stem(gyro.source.name) in _KINDS["gyro"][:2]
+    phone = _stem(gyro.source.name) in _KINDS["gyro"][:2] and all(gyro.found[key].unit for key in keys[:3])
     cells = ArrayCells(tuple(columns), lambda row: f"row {row + 1}", gyro.numbers.cut or force.numbers.cut)
     return Table(
         source.name,

@@ -10,7 +10,7 @@ _DATA = {
     b"ARROW1": "an Arrow / Feather file",
     b"\x93NUMPY": "a NumPy .npy array",
     b"<": "XML or HTML (also GPX, KML)",
-    b"{": "JSON",
+    b"\xd0\xcf\x11\xe0": "a spreadsheet",  # of Excel before 2007
 }
 _PICKLE, _RTCM = {b"\x80\x04\x95": "a Python pickle"}, {b"\xd3\x00": "an RTCM 3 stream"}
 _OTHERS = {
@@ -22,6 +22,7 @@ _OTHERS = {
     b"MZ\x90": "a Windows program",
 }
 _ALL = _ARCHIVES | _DATA | _PICKLE | _RTCM | _OTHERS
+SHEETS = {"xl/workbook.xml", "xl/workbook.bin", "content.xml"}  # members of XLSX, XLSB and ODS files
 _CONTROL = bytes(set(range(32)) - {9, 10, 11, 12, 13, 26, 27}) + b"\x7f"
 
 

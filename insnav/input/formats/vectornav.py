@@ -29,11 +29,8 @@ _SAMPLES = (
     ("IMU::AngularRate::{}", "IMU::Accel::{}"),
 )
 _TEMPERATURE = {"temperature_c": "IMU::Temp [Celsius]"}
-_PLACE = {
-    "lat_deg": "GNSS1::PosLla::latitude [deg]",
-    "lon_deg": "GNSS1::PosLla::longitude [deg]",
-    "height_m": "GNSS1::PosLla::altitude [m]",
-}
+_LLA = {"lat_deg": "latitude [deg]", "lon_deg": "longitude [deg]", "height_m": "altitude [m]"}
+_PLACE = {key: f"GNSS1::PosLla::{each}" for key, each in _LLA.items()}
 _OTHERS = {
     **{f"v{axis.lower()}_m_s": f"GNSS1::VelNed::{axis} [m/s]" for axis in _NED},
     **{f"sd_{axis.lower()}": f"GNSS1::PosU::{axis} [m]" for axis in _NED},
@@ -43,13 +40,10 @@ _OTHERS = {
     "fix_week": "GNSS1::Week",
 }
 _INS = {
-    "lat_deg": "INS::PosLla::latitude [deg]",
-    "lon_deg": "INS::PosLla::longitude [deg]",
-    "height_m": "INS::PosLla::altitude [m]",
+    **{key: f"INS::PosLla::{each}" for key, each in _LLA.items()},
     **{f"v{axis.lower()}_m_s": f"INS::VelNed::{axis} [m/s]" for axis in _NED},
+    **{f"{key}_deg": f"Att::YawPitchRoll::{key[0].upper()} [deg]" for key in ("roll", "pitch")},
     "heading_deg": "Att::YawPitchRoll::Y [deg]",
-    "pitch_deg": "Att::YawPitchRoll::P [deg]",
-    "roll_deg": "Att::YawPitchRoll::R [deg]",
 }
 _FIXES = {2: 5.0, 3: 5.0, 4: 4.0, 7: 2.0, 8: 1.0}  # 2D, 3D, SBAS, RTK float, RTK fixed
 

@@ -25,9 +25,11 @@ _MEANT = {
     "verticalaccuracydeg": "vertical accuracy (m)",  # phyphox gives degrees instead of metres
     "millis": "time (ms)",
     "micros": "time (us)",
-    "utcnano": "time (ns)",
+    **dict.fromkeys(("utcnano", "logmonotime"), "time (ns)"),
 }
 _NO_UNIT = re.compile("wgs84|txt|x[0-9a-f]{4}")  # in brackets, but no unit, such as a message number
+# device before a name, with its serial number or a colon, as of SensorConnect and DatCon
+_DEVICE = re.compile(r"^.*(?:\d{4,}[._:/ -]+|:)(?=[A-Za-z])")
 _NAMED = 3  # quantities besides the time that identify a header line
 _LISTED = 12  # unused columns listed in a finding
 
@@ -88,17 +90,22 @@ def match_header(
             return quantity, unit, rank + 1000 * attempt
         prefix = next((p for p in PREFIXES if word.startswith(p) and len(word) > len(p)), None)
         if prefix is None:
-            return None
+            break
         word = word.removeprefix(prefix)
-    return None
+    return match_header(header[device.end() :], schema, unit_below) if (device := _DEVICE.match(header)) else None
+
+
+def key_of(header: str, schema: Sequence[Quantity]) -> str:
+    """Return the key of the quantity that a header names; empty without, and for an unknown unit."""
+    with suppress(InputError):
+        match = match_header(header, schema)
+        return match[0].key if match else ""
+    return ""
 
 
 def is_header(line: str, schema: Sequence[Quantity]) -> bool:
     """Return whether a line names time and three other quantities of a schema."""
-    keys = set()
-    for header in re.split("[,;\t]", line.replace('"', "")):
-        with suppress(InputError):  # an invalid unit
-            keys |= {match[0].key for match in (match_header(header, schema),) if match}
+    keys = {key_of(header, schema) for header in re.split("[,;\t]", line.replace('"', ""))} - {""}
     return "time" in keys and len(keys) > _NAMED
 
 
@@ -281,7 +288,7 @@ def require(
         raise InputError("format.one_column", where=where, header=headers[0][:80])
     guess = quote_columns(gives["columns"]) if gives else ""
     if is_headerless(headers):
-        numbers = "" if hint or guess else quote_columns(dict.fromkeys(keys, "NUMBER"))
+        numbers = "" if guess else quote_columns(dict.fromkeys(keys, "NUMBER"))
         values: dict[str, Any] = {
             "hint": hint,
             "guess": "" if hint else guess,
@@ -291,20 +298,22 @@ def require(
         raise InputError("columns.no_header", where=where, gives=gives, count=len(headers), **values)
     used = {f.index for f in found.values()}
     free = [h for i, h in enumerate(headers) if h and i not in used]
+    similar = [h for h in free if not key_of(h, schema)]
     listed: dict[str, Any] = {"quantities": tuple(q.name for q in missing), **_listed(headers)}
     clock = {"hour", "minute"} <= {compact(each).removesuffix("s") for each in free}
     if clock and "time" in {q.key for q in missing}:
         raise InputError("columns.time_in_parts", where=where, **listed)
     meant = {}
     for quantity in missing:
-        if (header := suggest(quantity, free)) is not None:
-            free.remove(header)
+        if (header := suggest(quantity, similar)) is not None:
+            similar.remove(header)
             meant[quantity.key] = header
     by_name = len(meant) == len(missing) if guess else bool(meant) and not hint  # names are the better evidence
     advice: dict[str, Any] = (
         {"meant": quote_columns(meant)} if by_name else {"hint": hint} if hint else {"guess": guess}
     )
     advice |= {"option": "--columns", "example": "" if any(advice.values()) else missing[0].key}
+    gives = {"columns": meant} if by_name else gives
     raise InputError("columns.missing", where=where, gives=gives, **listed, **advice)
 
 
@@ -312,10 +321,8 @@ def agrees(columns: Mapping[str, str], found: Mapping[str, Found], schema: Seque
     """Return whether columns chosen by values agree with all known names, in any schema."""
     named = {each.header: key for key, each in found.items()}
     others = [header for key, header in columns.items() if key != "time" and header not in named]
-    with suppress(InputError):
-        known = any(match_header(header, schema) for header in others)
-        return not known and all(named.get(header, key) == key for key, header in columns.items())
-    return False
+    known = any(key_of(header, schema) for header in others)
+    return not known and all(named.get(header, key) == key for key, header in columns.items())
 
 
 def quote_columns(columns: Mapping[str, str]) -> str:

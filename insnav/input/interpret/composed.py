@@ -21,7 +21,7 @@ from insnav.findings import Code, Finding
 from insnav.input.formats.conventions import PLACE, VELOCITY
 from insnav.input.formats.table import Cells, Numbers, Table
 from insnav.input.formats.time_scales import Scale, gps_days, seconds_of_week
-from insnav.input.interpret.columns import match_header
+from insnav.input.interpret.columns import key_of
 from insnav.input.interpret.schema import IMU_SCHEMA, compact
 from insnav.types import BoolArray, FloatArray, IntArray
 from insnav.units import DEG
@@ -35,7 +35,9 @@ _SIZES = {"n": 1e-9, "u": 1e-6, "m": 1e-6}  # by the first letter [s]
 _INSTANCES = {"i", "instance", "imu", "imuid", "sensor", "sensorid", "device", "deviceid", "id"}
 _MOST_INSTANCES, _TURNS = 8, 0.5  # sensors in one table, and share of rows from another sensor than the previous row
 _OF_TIME = re.compile(r"(utc|gps|time)*(year|month|day|hour|minute|min|second|sec|nano)s?(ns)?")
-_OF_PLACE = re.compile(r"(?:ecef|pos|position|field)*(v|vel|velocity)?(?:ecef)?([xyz])(?:ecef)?(?:[kcm]?m|[kcm]?ms)?")
+_OF_PLACE = re.compile(
+    r"(?:ecef|wls|pos|position|field)*(v|vel|velocity)?(?:ecef)?([xyz])(?:ecef)?(?:[kcm]?m|[kcm]?ms|meters)?"
+)
 _VECTOR = re.compile(r"(?P<name>[A-Za-z ]+?) *(?:\((?P<axes>[xyz](?:,[xyz]){0,2})\))? *(?P<unit>\[[^\]]*\])")
 _EARTH = 6.33e6, 6.48e6  # distances from the Earth's centre, up to 100 km height [m]
 _SHARE = 0.9  # share of the rows with such positions
@@ -154,7 +156,7 @@ def _timed(table: Table, words: Sequence[str]) -> Table:
     for i, word in enumerate(words):
         if (named := _OF_TIME.fullmatch(word)) is not None:
             found.setdefault({"min": "minute", "sec": "second"}.get(named[2], named[2]), i)
-    others = [i for i, header in enumerate(table.headers) if i not in found.values() and _is_time(header)]
+    others = [i for i, word in enumerate(words) if not _OF_TIME.fullmatch(word) and _is_time(table.headers[i])]
     if not others and found.keys() >= {*_DATE, *_CLOCK}:
         names = [*_DATE, *_CLOCK, *[_NANO] * (_NANO in found)]
         parts = [found[name] for name in names]
@@ -207,10 +209,7 @@ def _seconds_and_fraction(table: Table, words: Sequence[str]) -> tuple[int, int,
 
 
 def _is_time(header: str) -> bool:
-    try:
-        return bool(header) and match_header(header, _TIME) is not None
-    except InputError:  # an invalid unit
-        return True
+    return key_of(header, _TIME) == "time"
 
 
 def _moments(*by: FloatArray) -> tuple[FloatArray, FloatArray]:

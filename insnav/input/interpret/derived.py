@@ -4,13 +4,14 @@ References
 ----------
 Android `Location.getAccuracy`: the radius of 68 % confidence; so is the horizontal accuracy of Core Location. For two
 equal normal components that radius is ``sqrt(-2 ln 0.32)`` standard deviations of one. NMEA 0183: ``ddmm.mmmm``.
-ROS `sensor_msgs/NavSatFix`: covariance in m^2, east, north, up, row by row; status below 0 is no fix.
+ROS `sensor_msgs/NavSatFix`: covariance in m^2, east, north, up, row by row; status below 0 is no fix. PROJ: vgridshift.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from contextlib import suppress
 
 import numpy as np
 
@@ -149,3 +150,20 @@ def _deviations(raw: dict[str, FloatArray], found: Mapping[str, Found]) -> list[
             raw["sd_d"] = 2.0 * raw["sd_n"]
             notes.append(Finding.of(Code.SD_VERTICAL_TWICE))
     return notes
+
+
+def undulation(lat: FloatArray, lon: FloatArray) -> tuple[FloatArray, str] | None:
+    """Return heights of the geoid above the ellipsoid [m], and the grid of PROJ; None without pyproj or a grid.
+
+    `lat`, `lon` (n,): [rad].
+    """
+    with suppress(ImportError):
+        from pyproj import Transformer
+        from pyproj.exceptions import ProjError
+
+        for grid in ("us_nga_egm08_25.tif", "us_nga_egm96_15.tif"):
+            with suppress(ProjError):
+                shift = Transformer.from_pipeline(f"+proj=vgridshift +grids={grid} +multiplier=1")
+                height = np.asarray(shift.transform(lon, lat, np.zeros(len(lat)), radians=True)[2], dtype=np.float64)
+                return (height, grid) if np.isfinite(height).all() else None
+    return None

@@ -9,6 +9,7 @@ import numpy as np
 from insnav.earth import ned_offset
 from insnav.input.interpret.schema import ALL_UNITS
 from insnav.types import FloatArray, IntArray
+from insnav.units import DEG
 
 SPAN = 2.0  # interval of position changes: less position noise, little turn [s]
 _FEWEST = 5  # changes needed
@@ -82,6 +83,27 @@ class Fit:
         """North and east in terms of the column names: ``vn``, ``-ve``."""
         signed = zip(self.order, self.signs, strict=True)
         return tuple("-" * (sign < 0.0) + ("vn", "ve")[column] for column, sign in signed)
+
+
+def turns_in_radians(time: FloatArray, lla: FloatArray, v_n: FloatArray, angles: FloatArray) -> bool:
+    """Return whether unlabelled angles ``(n, k)``, read as degrees, the last one a heading, are radians by the course.
+
+    `lla` (n, 3) [rad], [rad], [m]; `v_n` (n, 3), NaN if unknown: then the positions give the course.
+    """
+    rows = np.flatnonzero(np.isfinite(angles).all(axis=1))
+    if len(rows) < _FEWEST or np.abs(angles[rows]).max() / DEG > 2.0 * np.pi + 1e-3:
+        return False
+    v = v_n[rows, :2]
+    if not np.isfinite(v).all():
+        rows = rows[np.unique(np.searchsorted(time[rows], np.arange(time[rows[0]], time[rows[-1]], SPAN)))]
+        v = np.gradient(ned_offset(lla[rows], lla[rows[0]]), time[rows], axis=0) if len(rows) > 1 else v[:1]
+    fast = np.hypot(v[:, 0], v[:, 1]) > _SLOWEST
+    course, read = np.arctan2(v[fast, 1], v[fast, 0]), angles[rows[fast], -1]
+
+    def scatter(heading: FloatArray) -> float:
+        return 1.0 - max(float(np.abs(np.mean(np.exp(1j * (course - sign * heading))))) for sign in (1.0, -1.0))
+
+    return bool(fast.sum() >= _FEWEST and scatter(read / DEG) < _BETTER**2 * scatter(read))
 
 
 def fit_velocities(time: FloatArray, lla: FloatArray, v_n: FloatArray) -> Fit | None:

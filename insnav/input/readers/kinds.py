@@ -11,7 +11,7 @@ from insnav.exceptions import InputError, InsnavError
 from insnav.input.formats.recording_folder import NAMES, NO_DATA
 from insnav.input.formats.registry import open_tables
 from insnav.input.formats.table import Table
-from insnav.input.interpret.columns import agrees, match_header
+from insnav.input.interpret.columns import agrees, key_of
 from insnav.input.interpret.headerless import imu_columns, is_headerless, position_columns
 from insnav.input.interpret.schema import GPS_SCHEMA, IMU_SCHEMA, REFERENCE_SCHEMA, Quantity
 
@@ -26,7 +26,7 @@ def kinds_of(tables: Mapping[str, Table], *, imu_known: bool = False) -> set[str
     table = next(iter(tables.values()))
     samples = _known(table.headers, IMU_SCHEMA, "gyro accel dtheta dvel")
     attitude = _known(table.headers, REFERENCE_SCHEMA, "lat roll pitch")
-    if not samples and all(_key(header, REFERENCE_SCHEMA) in ("", "time") for header in table.headers):
+    if not samples and all(key_of(header, REFERENCE_SCHEMA) in ("", "time") for header in table.headers):
         if imu_columns(table):
             return {"imu"}
         if (columns := position_columns(table)) and agrees(columns, {}, IMU_SCHEMA):
@@ -83,14 +83,5 @@ def _by_content(folder: Path) -> Mapping[str, Table]:
 
 
 def _known(headers: Sequence[str], schema: Sequence[Quantity], words: str) -> bool:
-    count = sum(_key(header, schema).partition("_")[0] in words.split() for header in headers)
-    return count >= 3 and count > sum(_key(header, GPS_SCHEMA) in ("lat", "lon") for header in headers)
-
-
-def _key(header: str, schema: Sequence[Quantity]) -> str:
-    """Return the quantity of a header; empty without."""
-    try:
-        match = match_header(header, schema)
-    except InsnavError:
-        return ""
-    return "" if match is None else match[0].key
+    count = sum(key_of(header, schema).partition("_")[0] in words.split() for header in headers)
+    return count >= 3 and count > sum(key_of(header, GPS_SCHEMA) in ("lat", "lon") for header in headers)

@@ -18,11 +18,11 @@ from insnav.input.formats.registry import open_table
 from insnav.input.formats.table import Table
 from insnav.input.interpret.clean import GPS_KINDS, REFERENCE_KINDS, Kinds
 from insnav.input.interpret.columns import Found, agrees, quote_columns, require, suggest, understand
-from insnav.input.interpret.derived import derive
+from insnav.input.interpret.derived import derive, undulation
 from insnav.input.interpret.headerless import position_columns
 from insnav.input.interpret.physics import stated_unit
 from insnav.input.interpret.schema import ALL_UNITS, GPS_SCHEMA, IMU_SCHEMA, REFERENCE_SCHEMA, Quantity, compact
-from insnav.input.interpret.velocities import Fit, fit_velocities
+from insnav.input.interpret.velocities import Fit, fit_velocities, turns_in_radians
 from insnav.input.readers.reading import Reading
 from insnav.input.readers.rows import read_rows
 from insnav.types import BoolArray, FloatArray, GpsData, Trajectory
@@ -40,6 +40,7 @@ _ROOM = {"px", "prsrx", "posx", "positionx"}  # headers of EuRoC, TUM-VI, and pr
 _ANY_HEIGHT = {"", *(each.name for each in (delimited_text, kf_gins, matlab, parquet, sensor_folder))}
 # columns of ArduPilot, PX4 and GoPro (GPMF: MSLV), whose documents define ``Alt`` as above mean sea level
 _OF_SEA_LEVEL = {"timeus", "epv", "altitudesystem"}
+_ATTITUDE = ("roll", "pitch", "heading")
 _STANDARD_DEVIATIONS = ("sd_n", "sd_e", "sd_d", "sd_vn", "sd_ve", "sd_vd")
 
 
@@ -107,7 +108,7 @@ def read_reference(path: str | Path | Table, *, columns: Mapping[str, str] | Non
     """
     reading = read_positions(path, "reference", REFERENCE_SCHEMA, REFERENCE_KINDS, columns=columns)
     read = reading.data
-    rph = read.stacked(("roll", "pitch", "heading"))
+    rph = read.stacked(_ATTITUDE)
     rph[:, 2] %= 2.0 * np.pi
     zeros = _zeros_in_motion(read.lla, read.v_n, rph)
     if zeros:
@@ -188,6 +189,10 @@ def read_positions(
     fit = fit_velocities(data["time"], lla, v_n)
     degrees, angles = _angles(lla, fit, found, name)
     lla[:, :2] *= degrees
+    if height_kind == "msl" and not flat and (geoid := undulation(lla[:, 0], lla[:, 1])) is not None:
+        lla[:, 2] += geoid[0]
+        added: dict[str, Any] = {"grid": geoid[1], "height_m": float(np.mean(geoid[0]))}
+        height_kind, height_evidence = "ellipsoidal", Finding.of(Code.READ_HEIGHT_GEOID_ADDED, **added)
     unit, velocity_notes = _velocity_unit(fit, found, name)
     if fit is not None and fit.in_vehicle:
         v_n[:] = np.nan
@@ -199,10 +204,14 @@ def read_positions(
             if key in data:
                 data[key] = data[key] * unit
     filled = {key: each for key, each in found.items() if key not in data or np.isfinite(data[key]).any()}
-    evidence = (height_evidence, angles, *velocity_notes, *_attitude_findings(filled), *notes)
-    columns_read = {
-        found[key].quantity.name: found[key].describe(rows.time_unit if key == "time" else None) for key in keys
-    }
+    unstated = [key for key in _ATTITUDE if key in filled and not filled[key].unit]
+    turned = [data[key] for key in unstated]
+    in_radians = "heading" in unstated and turns_in_radians(data["time"], lla, v_n, np.column_stack(turned))
+    if in_radians:
+        data |= {key: data[key] / DEG for key in unstated}
+    evidence = (height_evidence, angles, *velocity_notes, *_attitude_findings(filled, unstated, in_radians), *notes)
+    units = {"time": rows.time_unit, **dict.fromkeys(unstated if in_radians else (), "rad")}
+    columns_read = {found[key].quantity.name: found[key].describe(units.get(key)) for key in keys}
     if "fix" in data and not data["fix"].any() and np.ptp(lla[:, :2], axis=0).any():
         del data["fix"]
         evidence = (*evidence, Finding.of(Code.READ_COLUMNS_FIX_ZERO, subject=found["fix"].header))
@@ -392,12 +401,13 @@ def _exchanged(code: str, found: Mapping[str, Found], where: str, **values: Any)
     return InputError(code, where=where, gives=gives, option="--columns", columns=columns, **values)
 
 
-def _attitude_findings(found: Mapping[str, Found]) -> list[Finding]:
-    """Report the interpretation of attitude columns."""
+def _attitude_findings(found: Mapping[str, Found], unstated: Sequence[str], in_radians: bool) -> list[Finding]:
+    """Report the interpretation of attitude columns. `unstated`: those without unit."""
     notes = []
     if "heading" in found and "yaw" in found["heading"].header.lower():
         notes.append(Finding.of(Code.READ_ANGLES_YAW, subject=found["heading"].header))
-    assumed = [found[key].header for key in ("roll", "pitch", "heading") if key in found and not found[key].unit]
-    if assumed:
-        notes.append(Finding.of(Code.READ_ANGLES_ATTITUDE_ASSUMED, columns=tuple(assumed), unit="deg"))
+    if unstated:
+        code = Code.READ_ANGLES_ATTITUDE_BY_COURSE if in_radians else Code.READ_ANGLES_ATTITUDE_ASSUMED
+        columns = tuple(found[key].header for key in unstated)
+        notes.append(Finding.of(code, columns=columns, unit="rad" if in_radians else "deg"))
     return notes

@@ -245,8 +245,8 @@ class SweepCalibration:
     dropped: tuple[tuple[int, Dropped], ...]  # saturated: gyro and rate [deg/s]
     # error of the corrected rate of each gyro over that rate [rad/s], None if it is noise about zero
     pieces: tuple[Pieces | None, ...]
-    # (n, 3) rate minus table rate [rad/s]: by bias and scale factor alone, by the full matrix, and with the pieces
-    # subtracted; NaN for a saturated gyro
+    # (n, 3) rate minus table rate [rad/s], NaN for a saturated gyro. Corrected by bias and scale factor alone, by the
+    # full matrix, and by matrix and pieces
     error_line: FloatArray
     error_matrix: FloatArray
     error_map: FloatArray

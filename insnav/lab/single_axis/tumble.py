@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -18,6 +19,7 @@ from insnav.input.formats.table import Table
 from insnav.input.interpret.schema import schema
 from insnav.lab.calibration import BenchOptions, Calibration, few, outlier
 from insnav.lab.least_squares import Fit, linear_fit, outliers
+from insnav.lab.single_axis.positions import Positions, fit_positions, holds_positions, read_positions
 from insnav.lab.single_axis.rate_table import Record, read_records, refuse_unit, triad_calibration
 from insnav.types import FloatArray, IntArray
 from insnav.units import DEG, G0
@@ -117,13 +119,17 @@ def _refuse_uneven(angle: FloatArray, where: str) -> None:
         )
 
 
-def read(files: Sequence[str | Path | Table], how: BenchOptions) -> tuple[Record, ...]:
-    """Read the tumble tests of accelerometers x, y, z, or of one; see `read_records`."""
+def read(files: Sequence[str | Path | Table], how: BenchOptions) -> tuple[Record, ...] | Positions:
+    """Read the tumble tests of accelerometers x, y, z, or of one, or the positions of a triad; see `read_records`."""
+    if len(files) == 1 and holds_positions(files[0]):
+        return read_positions(files[0], how)
     return read_records(files, SCHEMA, how)
 
 
-def fit(record: tuple[Record, ...], how: BenchOptions) -> Calibration[tuple[Record, ...], tuple[Tumble, ...]]:
+def fit(record: tuple[Record, ...] | Positions, how: BenchOptions) -> Calibration[Any, Any]:
     """Fit the model of accelerometers x, y, z, or of one for all; its K2 and K3 are parameters only."""
+    if isinstance(record, Positions):
+        return fit_positions(record, how)
     found = tuple(calibrate_accel(item) for item in record)
     per = ("", "/g", "/g^2", "/g^2")
     return triad_calibration("accel", record, found, how.gravity, per, how, [tumble_warnings(item) for item in found])

@@ -143,6 +143,8 @@ def _spreads(item: Accepted, unit: str) -> Iterator[Section]:
     if item.repeatability is not None:
         values = item.repeatability.values
         items = (*_spread(item.repeatability, unit), Quantity("mean_bias", float(values.mean()), unit))
+        if unit == "deg/h":  # bench records have deg/s
+            items = (*items, *_spread(item.repeatability, _JSON_UNIT["gyro"])[:2])
         title = f"Bias repeatability of {item.axis}"
         yield Section("bias_repeatability", title, items, note="in brackets 95 %")
         yield only_json("bias_repeatability", Quantity("powerup_biases", np.asarray(values), unit))

@@ -47,6 +47,7 @@ def page(result: Result[BudgetStudy]) -> Page:
         quantities.estimates_section(budget),
         beside(*(drawn(each.key, each.title, (each,)) for each in budget_panels(budget, windows, _origin(result)))),
         quantities.contributions_section(budget),
+        quantities.axes_section(budget, str(result.options.get("total") or "rss")),
         quantities.positions_section(budget),
         *(_windows(windows) if windows is not None else ()),
         quantities.states_section(budget),

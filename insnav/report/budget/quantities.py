@@ -296,6 +296,28 @@ def contributions_section(budget: Budget) -> Section:
     return Section("", title, rows=(*contributions_rows(budget), *rows), folded=True)
 
 
+def axes_section(budget: Budget, how: str) -> Section:
+    """Tabulate the contributions along each axis by the closed laws, and their sum: ``rss``, or ``worst``."""
+    parts = budget.analytic.parts[budget.chosen[-1], ranked(budget), :3]
+    names = [budget.families[k] for k in ranked(budget)]
+    total, name = (
+        (parts.sum(axis=0), "worst-case sum")
+        if how == "worst"
+        else (budget.analytic.total[budget.chosen[-1], :3], "together (RSS)")
+    )
+    rows = tuple(
+        (
+            Quantity("source", each),
+            *(Quantity(axis, float(v), digits=3 + (each == name)) for axis, v in zip(_AXES, sd, strict=True)),
+        )
+        for each, sd in zip([*names, name], [*parts, total], strict=True)
+    )
+    title = f"Error contributions along each axis after {budget.time[budget.chosen[-1]]:g} s, analytic [m]"
+    return Section(
+        "", title, rows=rows, note="rss: 1 sd; worst: all sources at 1 sd with the worst sign (--sum)", folded=True
+    )
+
+
 def states_section(budget: Budget) -> Section:
     """Tabulate velocity and attitude by family."""
     last, whole = budget.chosen[-1], budget.covariance

@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from typing import Any
 
 import numpy as np
 
 from insnav.findings import Code, of_code
 from insnav.lab.bench_data import BenchTable
 from insnav.lab.calibration import Calibration, fitted, measured
+from insnav.lab.least_squares import Fit
 from insnav.lab.rate_sweep.method import SweepCalibration
 from insnav.lab.rate_sweep.records import SweepRecord
 from insnav.lab.rotor_inertia import Inertia, Inertias
+from insnav.lab.single_axis.positions import Positions
 from insnav.lab.single_axis.rate_table import RateTable, Record
 from insnav.lab.single_axis.tumble import Tumble, harmonics
 from insnav.messages import phrase, sentence
@@ -22,7 +25,7 @@ from insnav.report.panels import Curve, Panel
 from insnav.report.style import AXIS_COLOURS, BLACK, GREY, number
 from insnav.sample_statistics import rms
 from insnav.types import FloatArray
-from insnav.units import DEG
+from insnav.units import DEG, G0
 
 
 def gyro_page(calibration: Calibration[tuple[Record, ...], tuple[RateTable, ...]]) -> Page:
@@ -63,7 +66,31 @@ def gyro_page(calibration: Calibration[tuple[Record, ...], tuple[RateTable, ...]
     )
 
 
-def accel_page(calibration: Calibration[tuple[Record, ...], tuple[Tumble, ...]]) -> Page:
+def accel_page(calibration: Calibration[Any, Any]) -> Page:
+    """Report accelerometers tumbled in gravity, or in the positions of a triad."""
+    return (_positions_page if isinstance(calibration.record[0], Positions) else _tumble_page)(calibration)
+
+
+def _positions_page(calibration: Calibration[tuple[Positions], tuple[Fit, ...]]) -> Page:
+    """Report a triad of accelerometers in known positions."""
+    (record,), fits = calibration.record, calibration.fits
+    places = [", ".join(f"{axis} {f:+.2f}" for axis, f in zip("xyz", row, strict=True)) for row in record.force / G0]
+    unit = record.unit if record.raw else "m/s^2"
+    return Page(
+        "Accelerometers in known positions",
+        _summary(calibration.parameters, len(fits)),
+        (
+            Section("parameters", "Output = B f + b", calibration.parameters, note=_IN_BRACKETS),
+            quality_section((fits, unit, dict.fromkeys(fits, places))),
+            corrected_section(calibration),
+            impact_section(calibration),
+            only_json("", Quantity("gravity", calibration.options.gravity, "m/s^2")),
+        ),
+        method=tuple(phrase("method.positions", gravity_m_s2=calibration.options.gravity).splitlines()),
+    )
+
+
+def _tumble_page(calibration: Calibration[tuple[Record, ...], tuple[Tumble, ...]]) -> Page:
     """Report accelerometers tumbled in gravity."""
     found, fits = dict(zip(calibration.fits, calibration.detail, strict=True)), calibration.fits
     unit, gravity = calibration.record[0].unit, calibration.options.gravity

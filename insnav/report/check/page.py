@@ -9,7 +9,7 @@ import numpy as np
 
 from insnav.findings import Code, Finding, Severity, of_code
 from insnav.input.readers.reading import ReadingFacts
-from insnav.messages import At, form, moment, render, sentence
+from insnav.messages import At, form, moment, render, sentence, translated
 from insnav.plain_text import plain_text
 from insnav.quantity import Quantity
 from insnav.report.page import DataFrame, Light, Page, Section, Verdict, drawn, of_table, only_json, rows_frame
@@ -72,17 +72,20 @@ def _timeline(result: Result[Checked]) -> tuple[Section, ...]:
 
 def _run_line(found: Checked, before: str) -> str:
     if found.runs:
-        return f"run:  {found.command}"
-    known = f"; command so far: {found.command}" if found.command.count(" --") else ""
-    return f"run:  nothing to copy before {before}{known}"
+        return f"{translated('run:')}  {found.command}"
+    known = f"; {translated('command so far')}: {found.command}" if found.command.count(" --") else ""
+    return f"{translated('run:')}  {translated(f'nothing to copy before {before}')}{known}"
 
 
 def text(result: Result[Checked], width: int | None = None) -> str:
     """Write the report for the terminal, with problems and command last."""
     laid_out, at = page(result), _from_start(result)
     left = _to_mend(result.found)[:TO_MEND]
-    mend = [f"mend {i}: {sentence(each, at=at)}" for i, each in enumerate(left, 1)] or ["nothing to mend was found"]
-    understood = [f"  {name}: {sentence(each)}" for name, facts in result.inputs.items() for each in facts.evidence]
+    mend = [f"{translated(f'mend {i}')}: {sentence(each, at=at)}" for i, each in enumerate(left, 1)]
+    mend = mend or [translated("nothing to mend was found")]
+    understood = [
+        f"  {translated(name)}: {sentence(each)}" for name, facts in result.inputs.items() for each in facts.evidence
+    ]
     lines = hanging(["", *understood, "", *mend], width)
     listed = {*result.found.problems, *(each for each in result.findings if each.timed)}
     shown = replace(laid_out, summary=(), findings=tuple(each for each in result.findings if each not in listed))

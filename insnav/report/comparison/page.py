@@ -12,7 +12,7 @@ from insnav.earth import ned_offset
 from insnav.errors.metrics import Compared, Comparison, accuracy, nees
 from insnav.errors.run_findings import overconfident
 from insnav.findings import Finding
-from insnav.messages import sentence
+from insnav.messages import phrase, sentence, translated
 from insnav.output.data_files import write_table
 from insnav.output.folder import RunFolder
 from insnav.output.solution_tables import TableFormat
@@ -72,7 +72,7 @@ def page(result: Result[Comparison]) -> Page:
 def _warnings(found: Comparison) -> tuple[Finding, ...]:
     """Return warnings on large errors of each run's last solution, as in a run report."""
     last = {each.run: named for each, named in zip(found.compared, found.named().items(), strict=True)}
-    return tuple(each for name, errors in last.values() for each in overconfident(name, errors, same_data=False))
+    return tuple(each for name, errors in last.values() for each in overconfident(name, errors))
 
 
 def _verdict(found: Comparison, findings: Sequence[Finding]) -> Verdict:
@@ -117,12 +117,14 @@ def text(result: Result[Comparison], width: int | None = None) -> str:
     (table,) = section_tables(_section(found))
     units = {" [deg]": " °", " [": " ", "]": ""}  # 110 columns leave no space for brackets
     headings = [reduce(lambda head, unit: head.replace(unit, units[unit]), units, name) for name in table.columns]
-    rows = [("  smoothed" if solution == "smoothed" else run, *cells) for run, solution, *cells in table.rows]
+    rows = [
+        (f"  {translated(solution)}" if solution == "smoothed" else run, *cells) for run, solution, *cells in table.rows
+    ]
     columns = (headings[0], *headings[2:])
     lines = table_text(replace(table, title="", note="", columns=columns, rows=tuple(rows)), width).splitlines()
     count = len(found.compared[0].errors.time)
-    warned = [f"warning: {sentence(each)}" for each in _warnings(found)]
-    notes = (line.format(n=count) for line in _NOTE)
+    warned = [f"{phrase('run.warning')}: {sentence(each)}" for each in _warnings(found)]
+    notes = (translated(line.format(n=count)) for line in _NOTE)
     below = hanging([*notes, *warned, *map(sentence, result.findings)], width)
     return "\n".join([*(line[2:] for line in lines), *below])
 

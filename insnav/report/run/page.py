@@ -175,8 +175,9 @@ def _light(found: EvaluatedRun, warnings: int) -> tuple[Light, str]:
     epochs = max((len(each.time) for each in found.errors_on_clock.values()), default=0)
     if 0 < epochs < FEW:
         return "unknown", phrase("run.few_epochs", count=epochs)
-    if found.other_drive or found.reference_is_gps:
-        return "unknown", phrase("run.other_drive" if found.other_drive else "run.same_as_gps")
+    if found.useless_reference:
+        why = "other_drive" if found.other_drive else "same_as_gps" if found.reference_is_gps else "noisy_reference"
+        return "unknown", phrase(f"run.{why}")
     if any(share < HOLDS for share in shares):
         return "bad", phrase("run.overconfident")
     if diverged:
@@ -238,7 +239,7 @@ def brief_lines(page: Page, found: EvaluatedRun, width: int | None = None) -> li
     warnings = _listed("warning", page.warnings, _WARNINGS)
     estimates = form("parts").join(_estimates(found))
     corrections = tuple(sentence(each, at=page.at) for each in of_code(page.findings, *CORRECTIONS))
-    # the errors may be those of a reference that findings contradict
+    # findings contradict the reference, which may cause the errors
     wrong = any(event.subject == "ref" and event.severity >= Severity.WARNING for event in found.run.events)
     doubtful = page.verdict is not None and page.verdict.light == "bad" and not wrong
     name = phrase("run.doubtful_estimates" if doubtful else "run.estimates")
@@ -377,6 +378,7 @@ def write_files(result: Result[EvaluatedRun], folder: RunFolder, table_format: s
     tables += [("errors", found.errors), ("smoothed_errors", found.smoothed_errors)]
     if run.smoothed is not None:
         tables += [("smoothed", run.smoothed.solution), ("smoothed_biases", run.smoothed.sensor_errors)]
+    tables.append(("poses", run.poses))
     for name, table in tables:
         if table is not None:
             solution_tables.write_run_table(place, table, table_format, name)

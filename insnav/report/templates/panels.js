@@ -11,6 +11,7 @@ let mode = "";
 
 const words = JSON.parse(document.getElementById("words")?.textContent ?? "{}");
 const say = text => { // in the language of the page, its unit as it is
+  if (words[text]) return words[text];
   const [name, ...unit] = text.split(" ["), number = /\d+(?:\.\d+)?/g, found = words[name.replace(number, "#")];
   return found ? [(name.match(number) ?? []).reduce((said, each) => said.replace("#", each), found), ...unit].join(" [") : text;
 };

@@ -7,7 +7,7 @@ import pytest
 from scipy.interpolate import CubicSpline
 from scipy.optimize import nnls
 
-from insnav.filter.gps_correlation import Spline, positive_parts
+from insnav.spline import Spline, positive_parts
 
 
 @pytest.mark.parametrize("count", [4, 5, 6, 50, 1000])

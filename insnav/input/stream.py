@@ -1,0 +1,159 @@
+"""Mixed log that is read while it is written: lines of samples and fixes, NMEA sentences, u-blox NAV-PVT and NAV-PVAT.
+
+A line with names of columns describes the following lines with as many columns, and with the same first word if that
+is no column. The times of samples and fixes have one clock.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from insnav.exceptions import InputError
+from insnav.input.formats import nmea, ubx
+from insnav.input.formats.source import Source
+from insnav.input.formats.table import Table
+from insnav.input.interpret.columns import Found, is_header, understand
+from insnav.input.interpret.derived import derive
+from insnav.input.interpret.schema import GPS_SCHEMA, IMU_SCHEMA
+from insnav.types import FloatArray, GpsData
+
+NAME = "standard input"
+LONGEST = 1 << 17  # a longer line is none: a message of u-blox has at most 65543 bytes
+_SYNC, _FIXES = b"\xb5b", (b"\x01\x07", b"\x01\x17")  # class and number of NAV-PVT and NAV-PVAT
+_SAMPLE = ("time", "gyro_x", "gyro_y", "gyro_z", "accel_x", "accel_y", "accel_z")
+
+
+@dataclass(slots=True)
+class Stream:
+    """Parser of a mixed log in pieces of any size; `skipped` counts damaged lines and messages."""
+
+    skipped: int = 0
+    _rest: bytes = b""
+    _columns: dict[tuple[str, int], tuple[bool, dict[str, Found]]] = field(default_factory=dict)
+    _samples: list[list[float]] = field(default_factory=list)
+    _epoch: list[bytes] = field(default_factory=list)  # sentences of one time
+    _better: bool = False  # u-blox gives the fixes of the sentences, with more
+    _time: bytes = b""
+    _last_kind: bytes = b""
+
+    def take(self, data: bytes) -> Iterator[FloatArray | GpsData]:
+        """Yield samples (n, 7), time [s], rates [rad/s], forces [m/s^2], and fixes, in the order of the log.
+
+        Raises: InputError: lines have no header, or not the units of their columns.
+        """
+        log, at = self._rest + data, 0
+        while at < len(log):
+            frame, end = log.find(_SYNC, at), log.find(b"\n", at)
+            if frame == at:
+                size = 8 + int.from_bytes(log[at + 4 : at + 6], "little")
+                if len(log) < at + max(size, 8):
+                    break
+                after = at + size
+                found = self._read(ubx.read, log[at:after]) if log[at + 2 : at + 4] in _FIXES else None
+                self._better |= found is not None
+            elif frame >= 0 and not 0 <= end < frame:
+                found, after = self._line(log[at:frame]), frame
+            elif end < 0 and len(log) - at < LONGEST:
+                break
+            else:
+                after = len(log) if end < 0 else end + 1
+                found = self._line(log[at:after])
+            at = after
+            if found is not None and np.isfinite(found.lla[0, :2]).all():
+                yield from self._flush()
+                yield found
+        self._rest = log[at:]
+        yield from self._flush()
+
+    def _flush(self) -> Iterator[FloatArray]:
+        if self._samples:
+            yield np.array(self._samples)
+            self._samples.clear()
+
+    def _read(self, reader: Callable[[Source], Mapping[str, Table]], data: bytes) -> GpsData | None:
+        """Read one fix; None without a position, or if it is damaged."""
+        try:
+            table = reader(Source(NAME, "", data))["gps"]
+        except InputError:
+            self.skipped += 1
+            return None
+        columns = table.cells.read(range(len(table.headers))).columns
+        return _fix(understand(table.headers, None, GPS_SCHEMA)[0], columns)
+
+    def _line(self, line: bytes) -> GpsData | None:
+        line = line.strip()
+        if line.startswith(b"$"):
+            return self._sentence(line)
+        text = line.decode("latin-1")
+        words = [word.strip() for word in re.split("[,;\t]", text)]
+        numbers = [_number(word) for word in words]
+        tag = words[0] if np.isnan(numbers[0]) else ""
+        known = self._columns.get((tag, len(words)))
+        if known is None:
+            for schema in (IMU_SCHEMA, GPS_SCHEMA):
+                if is_header(text, schema):
+                    self._header(words, schema is IMU_SCHEMA, understand(words, None, schema, where=NAME)[0])
+                    return None
+            if not self._columns and len(words) > len(_SAMPLE) - 1 and np.isfinite(numbers).all():
+                raise InputError("online.no_header", where=NAME, line=text[:80])
+        values = {} if known is None else {key: numbers[each.index] for key, each in known[1].items()}
+        if known is None or not np.isfinite([values[key] for key in (_SAMPLE if known[0] else _SAMPLE[:1])]).all():
+            self.skipped += bool(words[0]) and known is not None
+            return None
+        if known[0]:
+            self._samples.append([values[key] * known[1][key].factor for key in _SAMPLE])
+            return None
+        return _fix(known[1], [np.array([number]) for number in numbers])
+
+    def _header(self, words: Sequence[str], samples: bool, found: Mapping[str, Found]) -> None:
+        """Remember the columns of the lines that follow."""
+        tag = "" if 0 in {each.index for each in found.values()} else words[0]
+        needed = _SAMPLE if samples else ("time", "lat", "lon")
+        if missing := [key for key in needed if key not in found]:
+            raise InputError("online.columns_missing", where=NAME, missing=tuple(missing))
+        bare = [found[key].header for key in needed if found[key].unit is None]
+        if bare:
+            raise InputError("online.units_missing", where=NAME, columns=tuple(bare))
+        if self._columns.get((tag, len(words)), (samples,))[0] is not samples:
+            raise InputError("online.columns_alike", where=NAME, count=len(words))
+        self._columns[tag, len(words)] = samples, dict(found)
+
+    def _sentence(self, line: bytes) -> GpsData | None:
+        """Collect the sentences of an epoch; it ends with the last kind of the epoch before, or with another time."""
+        kind, _, rest = line.partition(b",")
+        timed, time = kind[3:] in (b"GGA", b"GNS", b"RMC", b"GST"), rest.partition(b",")[0]
+        if timed and self._epoch and time != self._time:
+            self._last_kind = self._epoch[-1].partition(b",")[0]
+            ended, self._epoch = self._epoch, [line]
+        elif kind == self._last_kind and self._epoch:
+            ended, self._epoch = [*self._epoch, line], []
+        else:
+            ended, self._epoch = [], [*self._epoch, line] if timed or self._epoch else []
+        self._time = time if timed else self._time
+        return self._read(nmea.read, b"\n".join([*ended, b""])) if ended and not self._better else None
+
+
+def _fix(found: Mapping[str, Found], columns: Sequence[FloatArray] | Mapping[int, FloatArray]) -> GpsData:
+    """Convert a row of columns (1,) to a fix."""
+    raw = {key: columns[each.index] * each.factor for key, each in found.items()}
+    raw["height"] = raw.pop("height", raw.pop("height_msl", np.zeros(1)))
+    derive(raw, found)
+    unknown = np.full(1, np.nan)
+    raw["vd"] = raw["vd"] if "vd" in found else -raw.get("vu", unknown)
+    lla, v_n, position_sd, velocity_sd = (
+        np.column_stack([raw.get(key, unknown) for key in keys.split()])
+        for keys in ("lat lon height", "vn ve vd", "sd_n sd_e sd_d", "sd_vn sd_ve sd_vd")
+    )
+    fix = raw["fix"].astype(np.int64) if np.isfinite(raw.get("fix", unknown)).all() else None
+    return GpsData(raw["time"], lla, v_n, position_sd, velocity_sd, fix)
+
+
+def _number(word: str) -> float:
+    try:
+        return float(word)
+    except ValueError:
+        return np.nan
