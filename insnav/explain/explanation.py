@@ -18,14 +18,14 @@ from insnav.exceptions import DivergenceError
 from insnav.explain.kinds import FADES, KINDS, RETURN, Kind, cost_of_end
 from insnav.explain.proposals import MOVING, SIZES, gains_of, misfit_of
 from insnav.explain.record import CLEARED, NAMES, LinearRecord, Pass, Step, usual_correlated
-from insnav.explain.search import ACCEPT, SAME, Search, prior_of, search
+from insnav.explain.search import ACCEPT, SAME, Search, prior_of, search_part
 from insnav.filter.ambiguity import with_wider_sd
 from insnav.filter.gps_correlation import Rough
 from insnav.filter.prepare import Prepared
 from insnav.findings import Code, Finding
 from insnav.types import BoolArray, FloatArray, GpsData, Run, StateChange, Trajectory
 
-ROUNDS = 5  # filter runs, each with the IMU faults of the previous search
+ROUNDS = 9  # filter runs, each with the IMU faults of the previous search
 CHANGE_KNOWN = 0.3  # standard deviation of a change of the IMU, relative to the change [-]
 FEWEST = 20  # epochs with a fix that a search needs
 MINUTE, PLACES, NEARLY_ALL = 60.0, 20, 0.9  # duration of the reported drag [s]; epochs tested for it; detected share
@@ -153,7 +153,8 @@ def explain_faults(ready: Prepared, kinds: Sequence[Kind]) -> tuple[Prepared, Ex
             if known is not None and known.found.complete and not of_imu(known.faults):
                 parts.append(known)
                 continue
-            found = search(record, kinds, known and known.found, parts[-1].found.best if parts else None)
+            like = parts[-1].found.best if parts else None
+            record, found = search_part(record, kinds, known and known.found, like)
             if not np.isfinite(found.best.cost):  # too far from linear to be calculated
                 return ready, Explanation()
             tried += considered_of(record, found)

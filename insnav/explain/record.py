@@ -269,6 +269,12 @@ class LinearRecord:
         measured = self.measured[0], h, fed
         return replace(self, system=(span, phi, fade, q, qd), measured=measured, start=start, states=states)
 
+    def until(self, count: int) -> LinearRecord:
+        """Select the first epochs."""
+        system, measured = (tuple(each[:count] for each in group) for group in (self.system, self.measured))
+        variance = self.variance[:count]
+        return replace(self, time=self.time[:count], system=system, measured=measured, variance=variance)
+
     @property
     def lasting(self) -> FloatArray:
         """Effect of the time-correlated error on the states at the start, (3, n): a first position has that of its fix."""

@@ -9,6 +9,7 @@ al., IEEE Transactions on Signal Processing 60 (2012) 5024-5037).
 
 from __future__ import annotations
 
+from bisect import bisect_left
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -16,7 +17,7 @@ import numpy as np
 
 from insnav.explain.kinds import Kind, cost_of_end
 from insnav.explain.proposals import TOPS, Proposal, misfit_of, propose
-from insnav.explain.record import FIGURES, LEAST, TAILS, WEIGHTED, LinearRecord, Noise, Pass, Step
+from insnav.explain.record import FAR, FIGURES, IMU, LEAST, TAILS, WEIGHTED, LinearRecord, Noise, Pass, Step
 from insnav.tabular import runs_of
 from insnav.types import BoolArray, FloatArray
 
@@ -31,6 +32,7 @@ ALONE = 2  # largest number of successive false fixes that need no fault
 WEAK = 0.3  # weight below which a fix counts as false [-]
 ROUNDS = 6  # fits until the cost no longer decreases
 SIZE_RANGE = np.array([1e-6, 1e6])  # limits of a variance, relative to the typical one: the prior costs 33 there [-]
+SHORTEST = 20  # epochs in which a fault is seen
 BUDGET = 600  # passes over a part of a drive
 SAME = 0.1  # largest relative change of a fault's size after the last run of the filter [-]
 
@@ -45,6 +47,11 @@ class Fit:
     cost: float  # -2 ln of the evidence [-]
     seen: Pass
     curve: FloatArray  # (5, 5) second derivatives of the cost by the noise figures, approximately [-]
+
+    @property
+    def is_lost(self) -> bool:
+        """True if the noise of the IMU is at its limit: the record is not linear in the faults that it lacks."""
+        return self.noise.figures[IMU] > 0.99 * FAR * FIGURES[IMU][0]
 
 
 @dataclass(frozen=True, slots=True)
@@ -228,11 +235,20 @@ class _Searcher:
         return ends + [each.steps for each in sorted(found.values(), key=lambda each: -each.gain)[:count]]
 
 
-def search(record: LinearRecord, kinds: Sequence[Kind], known: Search | None = None, like: Fit | None = None) -> Search:
+def search(
+    record: LinearRecord,
+    kinds: Sequence[Kind],
+    known: Search | None = None,
+    like: Fit | None = None,
+    *,
+    linear: bool = True,
+    once: bool = False,
+) -> Search:
     """Search the faults of a record.
 
-    `known`: search of the same epochs about another run of the filter, from which this one continues. `like`: fit with
-    similar noise, of another part of the drive.
+    `known`: search of the first epochs about another run of the filter, from which this one continues. `like`: fit with
+    similar noise, of another part of the drive. `linear`: end where the record is not linear. `once`: end with the first
+    fault, or without one.
     """
     searcher = _Searcher(record, kinds, known.passes if known else 0)
     weights, curve = np.ones((record.time.size, WEIGHTED.size)), np.diag(2.0 / np.min(FIGURES, axis=1) ** 2)
@@ -244,23 +260,64 @@ def search(record: LinearRecord, kinds: Sequence[Kind], known: Search | None = N
         return search(record, kinds)
     if not np.isfinite(fit.cost) or (not known and most_are_weak(record, fit.weights)):
         return Search(fit, (), (), searcher.passes, ())
-    if known:
+    if linear and fit.is_lost:
+        return Search(fit, (), (), searcher.passes, (0.0,) * len(steps), complete=False)
+    if known and not once:
         if known.complete and all(same(*pair) for pair in zip(fit.steps, steps, strict=True)):
             return replace(known, best=fit, passes=searcher.passes)
         fit = searcher.relocate(fit)
     considered, complete = list[Considered](), True
     while complete and searcher.passes < BUDGET:
-        better = searcher.improve(fit, considered)
-        if better.steps == fit.steps:
-            fit = better
+        before, fit = fit, searcher.improve(fit, considered)
+        if once or fit.steps == before.steps:
             break
-        complete = all(step.kind.of_fixes for step in better.steps if step not in fit.steps)
-        fit = searcher.relocate(better) if complete else better
+        complete = all(step.kind.of_fixes for step in fit.steps if step not in before.steps)
+        fit = searcher.relocate(fit) if complete else fit
     others = [each for each in searcher.fits.values() if each.steps != fit.steps and each.cost < fit.cost + ACCEPT]
-    rests = [fit.steps[:i] + fit.steps[i + 1 :] for i in range(len(fit.steps))]
+    rests = [fit.steps[:i] + fit.steps[i + 1 :] for i in range(len(fit.steps) * (complete and not once))]
     without = (searcher.settle(fit, rest).cost if rest or known else plain.cost for rest in rests)
-    gains = tuple(cost - fit.cost for cost in without)
+    gains = tuple(cost - fit.cost for cost in without) or (0.0,) * len(fit.steps)
     return Search(fit, tuple(others), tuple(considered), searcher.passes, gains, complete)
+
+
+def search_part(
+    record: LinearRecord, kinds: Sequence[Kind], known: Search | None, like: Fit | None
+) -> tuple[LinearRecord, Search]:
+    """Search a record, or as many of its first epochs as show a fault that is not known: the errors are small there."""
+    count, low = record.time.size, known.best.weights.shape[0] if known else SHORTEST
+    if known is None or known.best.steps:
+        found = search(record, kinds, known, like)
+        if found.complete or not found.best.is_lost:
+            return record, found
+    if low == count:  # the faults made it worse
+        begin = record.until(SHORTEST)
+        return begin, replace(search(begin, kinds, None, like, once=True), complete=False)
+    if known:
+        begin = record.until(low)
+        again = search(begin, kinds, replace(known, complete=False), linear=False)
+        if forms_of(again.best.steps) != forms_of(known.best.steps) or not all(
+            map(same, again.best.steps, known.best.steps)
+        ):
+            return begin, replace(again, complete=False)
+        known = again
+    forms = forms_of(known.best.steps if known else ())
+
+    def shows(epochs: int) -> bool:
+        part = search(record.until(epochs), kinds, known, like, once=True)
+        return part.best.is_lost or forms_of(part.best.steps) != forms
+
+    ahead = 1
+    while low + ahead < count and not shows(low + ahead):
+        low, ahead = low + ahead, 2 * ahead
+    epochs = low + 1 + bisect_left(range(low + 1, min(low + ahead, count)), True, key=shows)
+    record = record.until(epochs)
+    found = search(record, kinds, known, like, linear=False)
+    return record, replace(found, complete=epochs == count)
+
+
+def forms_of(steps: Sequence[Step]) -> list[tuple[str, bool]]:
+    """Return the kinds of the faults of the IMU, and whether they end."""
+    return sorted((step.kind.name, step.end > 0) for step in steps if not step.kind.of_fixes)
 
 
 def same(one: Step, other: Step) -> bool:
