@@ -175,7 +175,8 @@ def explain_faults(ready: Prepared, kinds: Sequence[Kind]) -> tuple[Prepared, Ex
     best_first = sorted(rows.values(), key=lambda each: (not each.accepted, -each.gain))
     times, variances = zip(*(mix(part.record, part.found) for part in parts), strict=True)
     between = np.concatenate(times), np.concatenate(variances)
-    explanation = Explanation(tuple(faults), tuple(best_first), sum(part.found.passes for part in parts), runs, findings, between)
+    passes = sum(part.found.passes for part in parts)
+    explanation = Explanation(tuple(faults), tuple(best_first), passes, runs, findings, between)
     notes = (*explained.notes, state_detectable(parts[0].record, parts[0].found.best.seen, kinds))
     return replace(explained, explanation=explanation, notes=notes), explanation
 

@@ -59,7 +59,8 @@ def gains_of(score: FloatArray, information: FloatArray, variances: FloatArray) 
 
     An infinite variance gives the largest likelihood, r' N^-1 r.
     """
-    size, vectors = np.linalg.eigh(information) if score.shape[1] > 1 else (information[:, 0], np.ones_like(information))
+    one = information[:, 0], np.ones_like(information)  # of one column, which is much faster
+    size, vectors = np.linalg.eigh(information) if score.shape[1] > 1 else one
     square = np.einsum("mab,ma->mb", vectors, score) ** 2
     t, size = variances[:, None, None], np.maximum(size, 1e-9 * size[:, -1:] + 1e-30)
     with np.errstate(invalid="ignore"):

@@ -86,9 +86,9 @@ class Noise:
 
         Without curvature, the damping allows half a unit: that far, a variance ten times too small decreases the cost.
         """
-        free = self.moved(-np.sign(slope)).figures != np.array(self.figures)  # not at a limit
-        step, damped = np.zeros(free.size), curve + 2.0 * np.diag(np.abs(slope))
-        step[free] = -np.linalg.solve(damped[np.ix_(free, free)], slope[free])
+        free = np.not_equal(self.moved(-np.sign(slope)).figures, self.figures).nonzero()[0]  # not at a limit
+        step, damped = np.zeros(slope.size), curve + 2.0 * np.diag(np.abs(slope))
+        step[free] = -np.linalg.solve(damped[free[:, None], free], slope[free])
         return self.moved(step)
 
     @property
@@ -277,9 +277,9 @@ class LinearRecord:
 
     @property
     def lasting(self) -> FloatArray:
-        """Effect of the time-correlated error on the states at the start, (3, n): a first position has that of its fix."""
+        """Effect of the time-correlated error on the states at the start, (3, n): a first position has it, too."""
         n = self.start.shape[0]
-        return np.eye(3, n, self.states["correlated"]) - self.from_fix * np.eye(3, n)
+        return np.asarray(np.eye(3, n, self.states["correlated"]) - self.from_fix * np.eye(3, n))
 
     @property
     def known(self) -> BoolArray:
@@ -319,38 +319,31 @@ class LinearRecord:
         variance, q, by_nav, p = measured[2], system[3], score[:, :NAV], out[-1]
         white = np.where(variance > 0.0, variance * (uu - u**2), 0.0).reshape(m, 2, 3).sum(axis=2)
         driven = np.einsum("mij,mji->m", q, information[:, :NAV, :NAV]) - np.einsum("mi,mij,mj->m", by_nav, q, by_nav)
-        slopes = np.column_stack([white, driven])  # of the cost, by the logarithm of the variance of each block
+        slopes = np.column_stack([white, driven])  # by the logarithm of the variance of each block
         counts = np.column_stack([(variance > 0.0).reshape(m, 2, 3).sum(axis=2), np.full(m, NAV)])
-        smoothed = out[4] + np.einsum("mij,mj->mi", p, score)
-        inner = system, measured, out
+        smoothed, inner = out[4] + np.einsum("mij,mj->mi", p, score), (system, measured, out)
         slope = self._slope(noise, slopes.sum(axis=0), score, information, smoothed[:, NAV:], p[:, NAV:])
         return Pass(cost, score, information, (counts - slopes) / weights, smoothed[:, :NAV], slope, inner)
 
     def _slope(
-        self,
-        noise: Noise,
-        white: FloatArray,
-        score: FloatArray,
-        information: FloatArray,
-        smoothed: FloatArray,
-        p: FloatArray,
+        self, noise: Noise, by_blocks: FloatArray, score: FloatArray, known: FloatArray, late: FloatArray, p: FloatArray
     ) -> FloatArray:
-        """Compute derivatives of the cost and the prior by the noise figures (5,) from smoothed errors.
+        """Compute derivatives of the cost by the noise figures (5,), with their prior.
 
-        `white`: derivatives by the logarithms of the variances of positions, velocities and IMU noise. `smoothed` (m, 3)
-        and `p` (m, 3, n): time-correlated errors, and their rows of the covariance. Source: S. J. Koopman, N. Shephard,
-        "Exact score for time series models in state space form", Biometrika 79 (1992) 823-826.
+        `by_blocks`: those by the logarithms of three variances; `known`: information; `late` (m, 3), `p` (m, 3, n):
+        smoothed time-correlated errors, and their rows of the covariance. Source: S. J. Koopman, N. Shephard, "Exact
+        score for time series models in state space form", Biometrika 79 (1992) 823-826.
         """
-        at = self.states["correlated"]
-        part, rate, lasting = slice(at, at + 3), self.system[0] / noise.time, noise.lasting(self.correlated_sd)
-        r, free = score[:, part], np.einsum("mii->mi", information)[:, part] - score[:, part] ** 2
-        by, first = self.lasting, information[0] - np.outer(score[0], score[0])
+        part = slice(self.states["correlated"], self.states["correlated"] + 3)
+        share, rate, lasting = noise.share, self.system[0] / noise.time, noise.lasting(self.correlated_sd)
+        r, free = score[:, part], np.einsum("mii->mi", known)[:, part] - score[:, part] ** 2
+        by, first = self.lasting, known[0] - np.outer(score[0], score[0])
         size = (-np.expm1(-2.0 * rate) @ free + np.einsum("in,nk,ik->i", by, first, by)) @ lasting
-        both = np.einsum("mij,mij->mi", p, information[:, part]) - r * smoothed  # of noise and state, smoothed
+        both = np.einsum("mij,mij->mi", p, known[:, part]) - r * late  # of noise and state, smoothed
         time = 2.0 * rate @ (both - lasting * free).sum(axis=1)
-        share = noise.share
-        more = np.array([*2.0 * (white + [size, 0.0, 0.0]), (1.0 - share) * size - share * white[0], time])
-        return more + 2.0 * np.divide(noise.figures, noise.sd**2)
+        position, velocity, imu = 2.0 * by_blocks
+        more = position + 2.0 * size, velocity, imu, (1.0 - share) * size - share * by_blocks[0], time
+        return np.asarray(more + 2.0 * np.divide(noise.figures, noise.sd**2))
 
     def cross(self, of: Pass, columns: FloatArray, at: int, reach: int) -> FloatArray:
         """Compute the cross information of steps at one epoch and at each other epoch, (m, d, d).
@@ -369,8 +362,7 @@ class LinearRecord:
     ) -> tuple[tuple[NDArray[Any], ...], tuple[NDArray[Any], ...], FloatArray]:
         """Apply noise and faults: system, epochs and sizes of covariance increases, and first covariance."""
         span, phi, fade, q, qd = self.system
-        by, at = float(np.exp(2.0 * noise.figures[IMU])), self.states["correlated"]
-        lasting = noise.lasting(self.correlated_sd)
+        by, at, lasting = np.exp(2.0 * noise.figures[IMU]), self.states["correlated"], noise.lasting(self.correlated_sd)
         fade, qd, start = fade.copy(), qd.copy(), self.start + self.lasting.T * lasting @ self.lasting
         kept = np.exp(-span / noise.time)[:, None]
         fade[:, at : at + 3], qd[:, at : at + 3] = kept, (1.0 - kept**2) * lasting

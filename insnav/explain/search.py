@@ -51,7 +51,7 @@ class Fit:
     @property
     def is_lost(self) -> bool:
         """True if the noise of the IMU is at its limit: the record is not linear in the faults that it lacks."""
-        return self.noise.figures[IMU] > 0.99 * FAR * FIGURES[IMU][0]
+        return self.noise.figures[IMU] > FAR * FIGURES[IMU][0] - 0.01
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,6 +72,7 @@ class Search:
     others: tuple[Fit, ...]
     considered: tuple[Considered, ...]
     passes: int
+    plain: Fit  # the first: without a fault, or with the known ones
     gains: tuple[float, ...]  # cost increase of the best fit without each of its steps [-]
     complete: bool = True  # false: a new fault of the IMU needs another run of the filter before the search continues
 
@@ -89,33 +90,33 @@ class _Searcher:
 
     def cost(self, seen: Pass, steps: tuple[Step, ...], weights: FloatArray, noise: Noise) -> float:
         """Compute -2 ln of the evidence [-]."""
-        return self.other_cost(steps, weights, noise) + seen.cost if seen.is_finite else np.inf
-
-    def other_cost(self, steps: tuple[Step, ...], weights: FloatArray, noise: Noise) -> float:
-        """Compute -2 ln of the priors of weights, noise and faults [-]."""
         of_tails = TAILS * (weights - 1.0 - np.log(weights))
-        of_weights = of_tails[:, :2][self.record.known].sum() + of_tails[:, 2].sum()
-        return float(of_weights) + noise.cost + prior_of(steps, self.record.interval)
+        of_weights = float(of_tails[:, :2][self.record.known].sum() + of_tails[:, 2].sum())
+        priors = of_weights + noise.cost + prior_of(steps, self.record.interval)
+        return seen.cost + priors if seen.is_finite else np.inf
 
     def settle(self, start: Fit, steps: tuple[Step, ...], strictness: Sequence[float] = AGAIN) -> Fit:
         """Fit weights, sizes of faults and noise figures, starting from another fit.
 
         Broyden, Fletcher, Goldfarb, Shanno: J. Nocedal, S. J. Wright, Numerical Optimization, 2nd ed., 2006, eq. 6.19.
         """
-        weights, noise, curve = start.weights, start.noise, start.curve
-        seen = start.seen if steps == start.steps else self.look(steps, weights, noise)
+        seen = start.seen if steps == start.steps else self.look(steps, start.weights, start.noise)
+        fit = replace(start, steps=steps, cost=self.cost(seen, steps, start.weights, start.noise), seen=seen)
         for divided in strictness:
-            if not seen.is_finite:
-                return replace(start, steps=steps, cost=np.inf)
-            weights = np.minimum((TAILS + WEIGHTED) / (TAILS + seen.squares / divided), LEAST)
-            steps = tuple(sized(self.record, seen, step) for step in steps)
-            before, noise = (seen, noise), noise.tuned(seen.slope, curve) if divided == 1.0 else noise
-            seen = self.look(steps, weights, noise)
-            moved, change = np.subtract(noise.figures, before[1].figures), seen.slope - before[0].slope
+            if not np.isfinite(fit.cost):
+                return fit
+            weights = np.minimum((TAILS + WEIGHTED) / (TAILS + fit.seen.squares / divided), LEAST)
+            steps = tuple(sized(self.record, fit.seen, step) for step in fit.steps)
+            noise = fit.noise.tuned(fit.seen.slope, fit.curve) if divided == 1.0 else fit.noise
+            seen, curve = self.look(steps, weights, noise), fit.curve
+            moved, change = np.subtract(noise.figures, fit.noise.figures), seen.slope - fit.seen.slope
             if moved @ change > 0.0:
                 along = curve @ moved
                 curve = curve + np.outer(change, change) / (moved @ change) - np.outer(along, along) / (moved @ along)
-        fit = Fit(steps, weights, noise, self.cost(seen, steps, weights, noise), seen, curve)
+            new = Fit(steps, weights, noise, self.cost(seen, steps, weights, noise), seen, curve)
+            # too long a step tells the curvature alone
+            fit = new if divided > 1.0 or new.cost < fit.cost + ACCEPT else replace(fit, curve=curve)
+        steps, seen = fit.steps, fit.seen
         self.fits[steps] = replace(fit, seen=replace(seen, information=np.empty((0, 0, 0)), inner=()))  # memory
         return fit
 
@@ -195,12 +196,7 @@ class _Searcher:
             if not self.is_real(bare, fit, (step,)):
                 fit = bare
                 continue
-            place = step.kind.name, step.begin, step.end
-            tried = [
-                each
-                for each in self._elsewhere(bare, step)
-                if (each[0].kind.name, each[0].begin, each[0].end) != place
-            ]
+            tried = [each for each in self._elsewhere(bare, step) if replace(each[0], variance=step.variance) != step]
             trials = [self.settle(fit, (*rest, *each), AGAIN[:2]) for each in tried]
             better = [(each.cost, i) for i, each in enumerate(trials) if each.cost < fit.cost]
             real = (trials[i] for _, i in sorted(better) if self.is_real(bare, trials[i], tried[i]))
@@ -236,83 +232,72 @@ class _Searcher:
 
 
 def search(
-    record: LinearRecord,
-    kinds: Sequence[Kind],
-    known: Search | None = None,
-    like: Fit | None = None,
-    *,
-    linear: bool = True,
-    once: bool = False,
+    record: LinearRecord, kinds: Sequence[Kind], known: Search | None = None, like: Fit | None = None, *, end: str = ""
 ) -> Search:
     """Search the faults of a record.
 
     `known`: search of the first epochs about another run of the filter, from which this one continues. `like`: fit with
-    similar noise, of another part of the drive. `linear`: end where the record is not linear. `once`: end with the first
-    fault, or without one.
+    similar noise, of another part of the drive. `end`: "lost" ends if the record is lost, "once" also after a fault.
     """
     searcher = _Searcher(record, kinds, known.passes if known else 0)
-    weights, curve = np.ones((record.time.size, WEIGHTED.size)), np.diag(2.0 / np.min(FIGURES, axis=1) ** 2)
-    like = known.best if known else like
-    noise, curve, steps = (like.noise, like.curve, known.best.steps if known else ()) if like else (Noise(), curve, ())
+    weights, curve = np.ones((record.time.size, WEIGHTED.size)), 2.0 / np.min(FIGURES, axis=1) ** 2
+    curve[:IMU] = 4.0 * 3.0 * record.time.size  # each of three values of a fix contributes 4
+    like, steps = known.best if known else like, known.best.steps if known else ()
+    noise, curve = (like.noise, like.curve) if like else (Noise(), np.diag(curve))
     start = Fit(steps, weights, noise, np.inf, searcher.look(steps, weights, noise), curve)
     fit = plain = searcher.converge(searcher.settle(start, steps, GRADUATED))
     if known and not np.isfinite(fit.cost):
         return search(record, kinds)
     if not np.isfinite(fit.cost) or (not known and most_are_weak(record, fit.weights)):
-        return Search(fit, (), (), searcher.passes, ())
-    if linear and fit.is_lost:
-        return Search(fit, (), (), searcher.passes, (0.0,) * len(steps), complete=False)
-    if known and not once:
-        if known.complete and all(same(*pair) for pair in zip(fit.steps, steps, strict=True)):
+        return Search(fit, (), (), searcher.passes, fit, ())
+    if end and fit.is_lost:
+        return Search(fit, (), (), searcher.passes, fit, (0.0,) * len(steps), complete=False)
+    if known and end != "once":
+        if known.complete and same(fit.steps, steps):
             return replace(known, best=fit, passes=searcher.passes)
         fit = searcher.relocate(fit)
     considered, complete = list[Considered](), True
     while complete and searcher.passes < BUDGET:
         before, fit = fit, searcher.improve(fit, considered)
-        if once or fit.steps == before.steps:
+        if end == "once" or fit.steps == before.steps:
             break
         complete = all(step.kind.of_fixes for step in fit.steps if step not in before.steps)
         fit = searcher.relocate(fit) if complete else fit
     others = [each for each in searcher.fits.values() if each.steps != fit.steps and each.cost < fit.cost + ACCEPT]
-    rests = [fit.steps[:i] + fit.steps[i + 1 :] for i in range(len(fit.steps) * (complete and not once))]
+    rests = [fit.steps[:i] + fit.steps[i + 1 :] for i in range(len(fit.steps) * (complete and end != "once"))]
     without = (searcher.settle(fit, rest).cost if rest or known else plain.cost for rest in rests)
     gains = tuple(cost - fit.cost for cost in without) or (0.0,) * len(fit.steps)
-    return Search(fit, tuple(others), tuple(considered), searcher.passes, gains, complete)
+    return Search(fit, tuple(others), tuple(considered), searcher.passes, plain, gains, complete)
 
 
 def search_part(
     record: LinearRecord, kinds: Sequence[Kind], known: Search | None, like: Fit | None
 ) -> tuple[LinearRecord, Search]:
-    """Search a record, or as many of its first epochs as show a fault that is not known: the errors are small there."""
+    """Search a record, or as few of its first epochs as show another fault of the IMU if the record is lost."""
     count, low = record.time.size, known.best.weights.shape[0] if known else SHORTEST
     if known is None or known.best.steps:
-        found = search(record, kinds, known, like)
+        found = search(record, kinds, known, like, end="lost")
         if found.complete or not found.best.is_lost:
             return record, found
-    if low == count:  # the faults made it worse
-        begin = record.until(SHORTEST)
-        return begin, replace(search(begin, kinds, None, like, once=True), complete=False)
+    begin = record.until(low if low < count else SHORTEST)
+    if known and low == count:  # the faults made it worse
+        return begin, replace(search(begin, kinds, None, like, end="once"), complete=False)
     if known:
-        begin = record.until(low)
-        again = search(begin, kinds, replace(known, complete=False), linear=False)
-        if forms_of(again.best.steps) != forms_of(known.best.steps) or not all(
-            map(same, again.best.steps, known.best.steps)
-        ):
+        again = search(begin, kinds, replace(known, complete=False))
+        if not same(again.best.steps, known.best.steps):
             return begin, replace(again, complete=False)
         known = again
-    forms = forms_of(known.best.steps if known else ())
 
     def shows(epochs: int) -> bool:
-        part = search(record.until(epochs), kinds, known, like, once=True)
-        return part.best.is_lost or forms_of(part.best.steps) != forms
+        part = search(record.until(epochs), kinds, known, like, end="once").best
+        return part.is_lost or forms_of(part.steps) != forms_of(known.best.steps if known else ())
 
     ahead = 1
     while low + ahead < count and not shows(low + ahead):
         low, ahead = low + ahead, 2 * ahead
     epochs = low + 1 + bisect_left(range(low + 1, min(low + ahead, count)), True, key=shows)
-    record = record.until(epochs)
-    found = search(record, kinds, known, like, linear=False)
-    return record, replace(found, complete=epochs == count)
+    found = search(record.until(epochs), kinds, known, like)
+    return record.until(epochs), replace(found, complete=epochs == count)
 
 
 def forms_of(steps: Sequence[Step]) -> list[tuple[str, bool]]:
@@ -320,9 +305,13 @@ def forms_of(steps: Sequence[Step]) -> list[tuple[str, bool]]:
     return sorted((step.kind.name, step.end > 0) for step in steps if not step.kind.of_fixes)
 
 
-def same(one: Step, other: Step) -> bool:
-    """Test whether a fault has the same size in two records: what is left is linear."""
-    return abs(np.sqrt(one.variance) - np.sqrt(other.variance)) <= SAME * np.sqrt(other.variance)
+def same(some: Sequence[Step], others: Sequence[Step]) -> bool:
+    """Test whether faults have the same kinds and sizes in two records: what is left is linear."""
+    return forms_of(some) == forms_of(others) and all(
+        abs(np.sqrt(one.variance / two.variance) - 1.0) <= SAME
+        for one, two in zip(some, others, strict=True)
+        if two.variance
+    )
 
 
 def clusters(spans: Sequence[tuple[float, float]]) -> list[tuple[int, int]]:
