@@ -18,7 +18,7 @@ from insnav.exceptions import DivergenceError
 from insnav.explain.kinds import FADES, KINDS, RETURN, Kind, cost_of_end
 from insnav.explain.proposals import MOVING, SIZES, gains_of, misfit_of
 from insnav.explain.record import CLEARED, NAMES, LinearRecord, Pass, Step, usual_correlated
-from insnav.explain.search import ACCEPT, SAME, Search, prior_of, search_part
+from insnav.explain.search import ACCEPT, FEWEST, SAME, Search, prior_of, search_part
 from insnav.filter.ambiguity import with_wider_sd
 from insnav.filter.gps_correlation import Rough
 from insnav.filter.prepare import Prepared
@@ -27,7 +27,6 @@ from insnav.types import BoolArray, FloatArray, GpsData, Run, StateChange, Traje
 
 ROUNDS = 9  # filter runs, each with the IMU faults of the previous search
 CHANGE_KNOWN = 0.3  # standard deviation of a change of the IMU, relative to the change [-]
-FEWEST = 20  # epochs with a fix that a search needs
 MINUTE, PLACES, NEARLY_ALL = 60.0, 20, 0.9  # duration of the reported drag [s]; epochs tested for it; detected share
 NINE_IN_TEN = 1.28  # standard deviations by which a fault exceeds the limit to be found nine times in ten [-]
 UNSEEN = 1e3  # largest tested size, relative to the typical size [-]

@@ -103,7 +103,7 @@ class Noise:
 
     def lasting(self, sd: FloatArray) -> FloatArray:
         """Compute the variance of the time-correlated error of positions with standard deviations `sd`."""
-        return self.share * np.exp(2.0 * self.figures[POSITION]) * sd**2
+        return np.asarray(self.share * np.exp(2.0 * self.figures[POSITION]) * sd**2)
 
 
 def usual_correlated(position_sd: FloatArray) -> CorrelatedNoise:
@@ -330,9 +330,10 @@ class LinearRecord:
     ) -> FloatArray:
         """Compute derivatives of the cost by the noise figures (5,), with their prior.
 
-        `by_blocks`: those by the logarithms of three variances; `known`: information; `late` (m, 3), `p` (m, 3, n):
-        smoothed time-correlated errors, and their rows of the covariance. Source: S. J. Koopman, N. Shephard, "Exact
-        score for time series models in state space form", Biometrika 79 (1992) 823-826.
+        `by_blocks` (3,): derivatives by the logarithms of the variances of positions, velocities and IMU. `known`:
+        information. `late` (m, 3) and `p` (m, 3, n): smoothed time-correlated errors, and their rows of the covariance.
+        Source: S. J. Koopman, N. Shephard, "Exact score for time series models in state space form", Biometrika 79
+        (1992) 823-826.
         """
         part = slice(self.states["correlated"], self.states["correlated"] + 3)
         share, rate, lasting = noise.share, self.system[0] / noise.time, noise.lasting(self.correlated_sd)

@@ -32,7 +32,7 @@ ALONE = 2  # largest number of successive false fixes that need no fault
 WEAK = 0.3  # weight below which a fix counts as false [-]
 ROUNDS = 6  # fits until the cost no longer decreases
 SIZE_RANGE = np.array([1e-6, 1e6])  # limits of a variance, relative to the typical one: the prior costs 33 there [-]
-SHORTEST = 20  # epochs in which a fault is seen
+FEWEST = 20  # epochs with a fix that a search needs
 BUDGET = 600  # passes over a part of a drive
 SAME = 0.1  # largest relative change of a fault's size after the last run of the filter [-]
 
@@ -114,7 +114,7 @@ class _Searcher:
                 along = curve @ moved
                 curve = curve + np.outer(change, change) / (moved @ change) - np.outer(along, along) / (moved @ along)
             new = Fit(steps, weights, noise, self.cost(seen, steps, weights, noise), seen, curve)
-            # too long a step tells the curvature alone
+            # a step that is too long only improves the curvature
             fit = new if divided > 1.0 or new.cost < fit.cost + ACCEPT else replace(fit, curve=curve)
         steps, seen = fit.steps, fit.seen
         self.fits[steps] = replace(fit, seen=replace(seen, information=np.empty((0, 0, 0)), inner=()))  # memory
@@ -274,12 +274,12 @@ def search_part(
     record: LinearRecord, kinds: Sequence[Kind], known: Search | None, like: Fit | None
 ) -> tuple[LinearRecord, Search]:
     """Search a record, or as few of its first epochs as show another fault of the IMU if the record is lost."""
-    count, low = record.time.size, known.best.weights.shape[0] if known else SHORTEST
+    count, low = record.time.size, known.best.weights.shape[0] if known else FEWEST
     if known is None or known.best.steps:
         found = search(record, kinds, known, like, end="lost")
         if found.complete or not found.best.is_lost:
             return record, found
-    begin = record.until(low if low < count else SHORTEST)
+    begin = record.until(low if low < count else FEWEST)
     if known and low == count:  # the faults made it worse
         return begin, replace(search(begin, kinds, None, like, end="once"), complete=False)
     if known:
@@ -306,7 +306,7 @@ def forms_of(steps: Sequence[Step]) -> list[tuple[str, bool]]:
 
 
 def same(some: Sequence[Step], others: Sequence[Step]) -> bool:
-    """Test whether faults have the same kinds and sizes in two records: what is left is linear."""
+    """Test whether faults have the same kinds and sizes in two records."""
     return forms_of(some) == forms_of(others) and all(
         abs(np.sqrt(one.variance / two.variance) - 1.0) <= SAME
         for one, two in zip(some, others, strict=True)
