@@ -123,7 +123,7 @@ class _Searcher:
     def converge(self, fit: Fit) -> Fit:
         """Repeat a fit until its cost no longer decreases: a gain by the noise must not count as a gain of a fault."""
         for _ in range(ROUNDS):
-            before, fit = fit.cost, self.settle(fit, fit.steps, AGAIN[:2])
+            before, fit = fit.cost, self.settle(fit, fit.steps)
             if not fit.cost < before - ACCEPT:
                 break
         return fit
