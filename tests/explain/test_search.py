@@ -183,7 +183,10 @@ def test_a_fault_that_makes_most_fixes_weak_is_still_found(name: str, size: floa
 
 @pytest.mark.parametrize("name", LASTING)
 def test_a_step_that_stays_is_found_at_its_time(name: str) -> None:
-    found = search(drawn(7, Step(OF[name], BEGIN, 1.0), LASTING[name]), KINDS)
+    record = drawn(7, Step(OF[name], BEGIN, 1.0), LASTING[name])
+    found = search(record, KINDS)
+    if not found.complete:  # another run of the filter leaves a linear record as it is
+        found = search(record, KINDS, found)
     ((kind, begin, end),) = told(found)
     assert kind == name
     assert abs(begin - BEGIN) <= NEAR
