@@ -316,7 +316,6 @@ def test_a_gyro_bias_that_steps_is_found_and_taken_into_account(seed, axis):
     assert step["rate_rad_s"] == pytest.approx(0.5 * DEG, rel=0.1)
 
 
-@WORSE
 def test_an_imu_that_is_turned_in_its_place_is_found():
     imu = recording(5).imu
     turn, after = dcm_from_rph(np.deg2rad([0.0, 0.0, 90.0])), (imu.time > imu.time[0] + AT)[:, None]
