@@ -18,17 +18,15 @@ from insnav.exceptions import DivergenceError
 from insnav.explain.kinds import FADES, KINDS, RETURN, Kind, cost_of_end
 from insnav.explain.proposals import MOVING, SIZES, gains_of, misfit_of
 from insnav.explain.record import CLEARED, NAMES, LinearRecord, Pass, Step, usual_correlated
-from insnav.explain.search import ACCEPT, Search, prior_of, search
+from insnav.explain.search import ACCEPT, FEWEST, SAME, Search, prior_of, search_part
 from insnav.filter.ambiguity import with_wider_sd
 from insnav.filter.gps_correlation import Rough
 from insnav.filter.prepare import Prepared
 from insnav.findings import Code, Finding
 from insnav.types import BoolArray, FloatArray, GpsData, Run, StateChange, Trajectory
 
-ROUNDS = 5  # filter runs, each with the IMU faults of the previous search
+ROUNDS = 9  # filter runs, each with the IMU faults of the previous search
 CHANGE_KNOWN = 0.3  # standard deviation of a change of the IMU, relative to the change [-]
-SAME = 0.1  # largest relative change of a fault's size in the last round [-]
-FEWEST = 20  # epochs with a fix that a search needs
 MINUTE, PLACES, NEARLY_ALL = 60.0, 20, 0.9  # duration of the reported drag [s]; epochs tested for it; detected share
 NINE_IN_TEN = 1.28  # standard deviations by which a fault exceeds the limit to be found nine times in ten [-]
 UNSEEN = 1e3  # largest tested size, relative to the typical size [-]
@@ -140,7 +138,7 @@ class Explanation:
 
 def explain_faults(ready: Prepared, kinds: Sequence[Kind]) -> tuple[Prepared, Explanation]:
     """Find the faults of a recording, and prepare the recording for the filter with these faults."""
-    parts, tried, passes, runs = list[Part](), list[Tried](), 0, 0
+    parts, tried, runs = list[Part](), list[Tried](), 0
     for _ in range(ROUNDS):
         records: list[LinearRecord] = []
         with suppress(DivergenceError):
@@ -151,15 +149,17 @@ def explain_faults(ready: Prepared, kinds: Sequence[Kind]) -> tuple[Prepared, Ex
         before: Sequence[Part | None] = parts or [None] * len(records)
         parts = []
         for record, known in zip(records, before, strict=True):
-            if known is not None and not of_imu(known.faults):
+            if known is not None and known.search.complete and not of_imu(known.faults):
                 parts.append(known)
                 continue
-            found = search(record, kinds, () if known is None else known.search.best.steps)
+            like = parts[-1].search.best if parts else None
+            record, found = search_part(record, kinds, known and known.search, like)
             if not np.isfinite(found.best.cost):  # too far from linear to be calculated
                 return ready, Explanation()
-            passes, tried = passes + found.passes, [*tried, *considered_of(record, found)]
+            tried += considered_of(record, found)
             parts.append(Part(record, found, faults_in(record, found)))
-        if alike(of_imu(faults_of(filter(None, before))), of_imu(faults_of(parts))):
+        same = alike(of_imu(faults_of(filter(None, before))), of_imu(faults_of(parts)))
+        if same and all(part.search.complete for part in parts):
             break
     if not parts:
         return ready, Explanation()
@@ -174,6 +174,7 @@ def explain_faults(ready: Prepared, kinds: Sequence[Kind]) -> tuple[Prepared, Ex
     best_first = sorted(rows.values(), key=lambda each: (not each.accepted, -each.gain))
     times, variances = zip(*(mix(part.record, part.search) for part in parts), strict=True)
     between = np.concatenate(times), np.concatenate(variances)
+    passes = sum(part.search.passes for part in parts)
     explanation = Explanation(tuple(faults), tuple(best_first), passes, runs, findings, between)
     notes = (*explained.notes, state_detectable(parts[0].record, parts[0].search.best.seen, kinds))
     return replace(explained, explanation=explanation, notes=notes), explanation

@@ -8,6 +8,7 @@ maximisation for sparse Bayesian models", AISTATS 2003). An episode is a pair of
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import cache
 from typing import NamedTuple
 
 import numpy as np
@@ -58,7 +59,8 @@ def gains_of(score: FloatArray, information: FloatArray, variances: FloatArray) 
 
     An infinite variance gives the largest likelihood, r' N^-1 r.
     """
-    size, vectors = np.linalg.eigh(information)
+    one = information[:, 0], np.ones_like(information)  # of one column, which is much faster
+    size, vectors = np.linalg.eigh(information) if score.shape[1] > 1 else one
     square = np.einsum("mab,ma->mb", vectors, score) ** 2
     t, size = variances[:, None, None], np.maximum(size, 1e-9 * size[:, -1:] + 1e-30)
     with np.errstate(invalid="ignore"):
@@ -114,12 +116,8 @@ def propose(
             prior = float(kind.cost(scores.variance[row], record.interval)) - ends
             found.append(Proposal(float(scores.gain[row]) + prior, (Step(RETURN, row, 0.0),)))
         if kind.passes:
-            pairs = {
-                pair[:2]: pair
-                for top in near or (*edges, *_tops(record, scores.gain))
-                for pair in _pair(record, of, kind, scores, top)
-            }
-            for begin, end, gain, variance in sorted(pairs.values(), key=lambda pair: -pair[2])[:2]:
+            pairs = _pairs(record, of, kind, scores, near or (*edges, *_tops(record, scores.gain)))
+            for begin, end, gain, variance in sorted(pairs, key=lambda pair: -pair[2])[:2]:
                 prior = float(kind.cost(variance, record.interval)) + ends
                 found.append(Proposal(gain - prior, (Step(kind, begin, variance, end),)))
     for number, step in enumerate(known):
@@ -138,32 +136,42 @@ def _end(record: LinearRecord, of: Pass, known: tuple[Step, ...], number: int, p
     return [Proposal(gain[row], (*known[:number], step.moved(step.begin, row), *known[number + 1 :]))]
 
 
-def _pair(record: LinearRecord, of: Pass, kind: Kind, scores: Scores, top: int) -> list[tuple[int, int, float, float]]:
-    """Find the best episode from an epoch, by alternating between its end and its begin; gain without prior."""
-    columns, m = record.columns(kind), record.time.size
+def _pairs(
+    record: LinearRecord, of: Pass, kind: Kind, scores: Scores, tops: Sequence[int]
+) -> set[tuple[int, int, float, float]]:
+    """Find the best episode from each epoch, by alternating between its end and its begin; gain without prior."""
+    columns, m, variances = record.columns(kind), record.time.size, kind.size**2 * SIZES
     score, information, *_ = scores
-    reach, at = max(int(REACH / record.interval), 3), top
-    best: tuple[int, int, float, float] | None = None
-    variances = kind.size**2 * SIZES
-    for turn in range(4):
-        side = reach if turn % 2 == 0 else -reach
-        cross = record.cross(of, columns, at, side)
+    reach, prior = max(int(REACH / record.interval), 3), kind.cost(variances, record.interval)[:, None]
+
+    @cache
+    def best_from(at: int, side: int) -> tuple[int, int, float, float] | None:
         rows = np.arange(at + int(SETTLES), min(at + reach, m)) if side > 0 else np.arange(max(at - reach, 1), at - 1)
         if rows.size == 0:
-            continue
-        both = information[at] + information[rows] - cross[rows] - np.swapaxes(cross[rows], 1, 2)
-        change = (score[at] - score[rows]) * np.sign(side)
-        gains = gains_of(change, both, variances)
-        prior = kind.cost(variances, record.interval)[:, None]
+            return None
+        cross = record.cross(of, columns, at, side * reach)[rows]
+        gains = gains_of(
+            side * (score[at] - score[rows]),
+            information[at] + information[rows] - cross - np.swapaxes(cross, 1, 2),
+            variances,
+        )
         size, place = np.unravel_index(int((gains - prior).argmax()), gains.shape)
-        found = (at, int(rows[place])) if side > 0 else (int(rows[place]), at)
-        if best is not None and gains[size, place] <= best[2] + 1e-6:
-            if turn > 1:
+        other = int(rows[place])
+        return min(at, other), max(at, other), float(gains[size, place]), float(variances[size])
+
+    found = set[tuple[int, int, float, float]]()
+    for top in tops:
+        at, side, best = top, 1, best_from(top, 1)
+        if best is None:
+            at, side, best = top, -1, best_from(top, -1)
+        while best is not None:
+            at, side = best[1] if side > 0 else best[0], -side
+            again = best_from(at, side)
+            if again is None or again[2] <= best[2] + 1e-6:
+                found.add(best)
                 break
-            continue
-        best = (*found, float(gains[size, place]), float(variances[size]))
-        at = found[1] if side > 0 else found[0]
-    return [] if best is None else [best]
+            best = again
+    return found
 
 
 def _interval(record: LinearRecord, of: Pass, kind: Kind) -> list[Proposal]:

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from insnav.explain.kinds import FADES, RETURN, Kind
-from insnav.filter.error_model import MANOEUVRE, cross_covariance, layout, reset_correlated
+from insnav.filter.error_model import MANOEUVRE, layout, reset_correlated
 from insnav.filter.gates import Gates
 from insnav.filter.gps_correlation import CorrelatedNoise
 from insnav.filter.innovation_likelihood import thinned
@@ -66,22 +66,43 @@ class Noise:
     figures: tuple[float, ...] = (0.0,) * len(FIGURES)
 
     @property
+    def sd(self) -> FloatArray:
+        """Standard deviations of the prior in the direction of each figure, (5,) [-]."""
+        return np.array([up if x > 0.0 else down for x, (up, down) in zip(self.figures, FIGURES, strict=True)])
+
+    @property
     def cost(self) -> float:
         """Value of -2 ln of their prior [-]."""
-        return float(
-            sum((x / (up if x > 0.0 else down)) ** 2 for x, (up, down) in zip(self.figures, FIGURES, strict=True))
-        )
+        return float((np.divide(self.figures, self.sd) ** 2).sum())
 
-    def changed(self, number: int, by: float) -> Noise:
-        """Change one of the figures, within `FAR`."""
-        up, down = FIGURES[number]
-        figure = float(np.clip(self.figures[number] + by, -FAR * down, FAR * up))
-        return Noise((*self.figures[:number], figure, *self.figures[number + 1 :]))
+    def moved(self, by: FloatArray) -> Noise:
+        """Change the figures (5,), within `FAR`."""
+        up, down = FAR * np.transpose(FIGURES)
+        return Noise(tuple(np.clip(self.figures + by, -down, up).tolist()))
+
+    def tuned(self, slope: FloatArray, curve: FloatArray) -> Noise:
+        """Take a step of Newton's method, with the derivatives of the cost (5,) and their derivatives (5, 5).
+
+        Without curvature, the damping allows half a unit: that far, a variance ten times too small decreases the cost.
+        """
+        free = np.not_equal(self.moved(-np.sign(slope)).figures, self.figures).nonzero()[0]  # not at a limit
+        step, damped = np.zeros(slope.size), curve + 2.0 * np.diag(np.abs(slope))
+        step[free] = -np.linalg.solve(damped[free[:, None], free], slope[free])
+        return self.moved(step)
 
     @property
     def share(self) -> float:
         """Time-correlated share of the variance of a position [-]."""
         return float(1.0 / (1.0 + np.exp(-self.figures[SHARE])))
+
+    @property
+    def time(self) -> float:
+        """Correlation time of that share [s]."""
+        return float(FADES * np.exp(self.figures[TIME_OF_SHARE]))
+
+    def lasting(self, sd: FloatArray) -> FloatArray:
+        """Compute the variance of the time-correlated error of positions with standard deviations `sd`."""
+        return np.asarray(self.share * np.exp(2.0 * self.figures[POSITION]) * sd**2)
 
 
 def usual_correlated(position_sd: FloatArray) -> CorrelatedNoise:
@@ -99,8 +120,15 @@ class Pass:
     # (m, 3) expected squares, relative to the variance at weight one: position and velocity residuals, IMU noise [-]
     squares: FloatArray
     nav: FloatArray  # (m, 9) smoothed error of position, velocity and attitude
-    nav_variance: FloatArray  # (m, 9)
+    slope: FloatArray  # (5,) derivatives of the cost by the noise figures, with their prior [-]
     inner: tuple[tuple[FloatArray, ...], ...] = field(repr=False)  # of the passes, for `LinearRecord.cross`
+
+    @property
+    def nav_variance(self) -> FloatArray:
+        """Variance of the smoothed error of position, velocity and attitude, (m, 9)."""
+        p = self.inner[2][-1][:, :NAV]
+        told = np.einsum("mij,mij->mi", p @ self.information, p)
+        return np.asarray(np.maximum(np.einsum("mii->mi", p[:, :, :NAV]) - told, 0.0))
 
     @property
     def is_finite(self) -> bool:
@@ -117,7 +145,7 @@ class LinearRecord:
     system: tuple[FloatArray, ...]  # spans, transitions, fading, noise; see `insnav.kernels.linear`
     measured: tuple[FloatArray, ...]  # predicted minus measured, derivatives, corrections of the state
     variance: FloatArray  # (m, 6) of the white noise of the fixes, 0 without a measurement
-    start: FloatArray  # (n, n) covariance
+    start: FloatArray  # (n, n) covariance without the time-correlated error
     states: dict[str, int]  # first index, by name
     correlated_sd: FloatArray  # (3,) standard deviation of a position, including its time-correlated share [m]
     from_fix: bool  # the first position comes from a fix and has its time-correlated error
@@ -198,6 +226,8 @@ class LinearRecord:
         jitter = settings.jitter * h[:, :, STATES] if at.delay >= 0 else 0.0
         start = np.zeros((n + FAULTS, n + FAULTS))
         start[:n, :n] = before[0]
+        reset_correlated(start, at.correlated, np.zeros(3))
+        start[range(3), range(3)] -= from_fix * usual_correlated(gps.position_sd).sds ** 2
         variance = np.where(used, np.nan_to_num(sd) ** 2 + jitter**2, 0.0)
         return cls(
             *(time, float(np.median(np.diff(time))), (span, phi, fade, q, qd), (z, h, fed), variance, start, states),
@@ -238,6 +268,18 @@ class LinearRecord:
         measured = self.measured[0], h, fed
         return replace(self, system=(span, phi, fade, q, qd), measured=measured, start=start, states=states)
 
+    def until(self, count: int) -> LinearRecord:
+        """Select the first epochs."""
+        system, measured = (tuple(each[:count] for each in group) for group in (self.system, self.measured))
+        variance = self.variance[:count]
+        return replace(self, time=self.time[:count], system=system, measured=measured, variance=variance)
+
+    @property
+    def lasting(self) -> FloatArray:
+        """Effect of the time-correlated error on the states at the start, (3, n): a first position has it, too."""
+        n = self.start.shape[0]
+        return np.asarray(np.eye(3, n, self.states["correlated"]) - self.from_fix * np.eye(3, n))
+
     @property
     def known(self) -> BoolArray:
         """Availability of position and velocity at each epoch, (m, 2)."""
@@ -246,7 +288,9 @@ class LinearRecord:
     def project(self, of: Pass, kind: Kind) -> tuple[FloatArray, FloatArray]:
         """Compute score (m, d) and information (m, d, d) of a step of one kind before each epoch."""
         columns = self.columns(kind)
-        return of.score @ columns, np.asarray(columns.T @ of.information @ columns)
+        rows = np.flatnonzero(columns.any(axis=1))
+        by = columns[rows]
+        return of.score[:, rows] @ by, np.asarray(by.T @ of.information[:, rows[:, None], rows] @ by)
 
     def columns(self, kind: Kind) -> FloatArray:
         """Build the effect of each column of a kind on the states, (n, d); (n, 0) if the record lacks the states."""
@@ -260,37 +304,46 @@ class LinearRecord:
 
     def run(self, steps: tuple[Step, ...], weights: FloatArray, noise: Noise) -> Pass:
         """Compute likelihood, scores and residuals with faults, weights (m, 3) and noise; see `WEIGHTED`."""
-        cost, inner = self._forward(steps, weights, noise)
-        system, measured, out = inner
-        m, n = self.time.size, self.start.shape[0]
-        score, information, u, uu = np.empty((m, n)), np.empty((m, n, n)), np.empty((m, 6)), np.empty((m, 6))
-        linear.backward(system, measured, out, score, information, u, uu)
-        variance, nav, p_nav = measured[2], *out[3:]
-        left = np.where(variance > 0.0, variance * u**2 + 1.0 - variance * uu, 0.0)
-        q, by_nav, lost = system[3], score[:, :NAV], information[:, :NAV, :NAV]
-        driven = np.einsum("mi,mij,mj->m", by_nav, q, by_nav) + NAV - np.einsum("mij,mji->m", q, lost)
-        squares = np.column_stack([left.reshape(m, 2, 3).sum(axis=2), driven]) / weights
-        smoothed = nav + np.einsum("mij,mj->mi", p_nav, score)
-        told = np.einsum("mij,mji->mi", p_nav @ information, np.swapaxes(p_nav, 1, 2))
-        spread = np.diagonal(p_nav[:, :, :NAV], axis1=1, axis2=2) - told
-        return Pass(cost, score, information, squares, smoothed, np.maximum(spread, 0.0), inner)
-
-    def cost(self, steps: tuple[Step, ...], weights: FloatArray, noise: Noise) -> float:
-        """Compute -2 ln of the likelihood by the forward pass alone [-]."""
-        return self._forward(steps, weights, noise)[0]
-
-    def _forward(
-        self, steps: tuple[Step, ...], weights: FloatArray, noise: Noise
-    ) -> tuple[float, tuple[tuple[FloatArray, ...], ...]]:
         system, jumps, start = self._with(steps, noise)
         by = np.exp(2.0 * np.array(noise.figures[:IMU])) * [1.0 - noise.share, 1.0]
         z, h, fed = self.measured
         measured = z, h, self.variance * np.repeat(by / weights[:, :2], 3, axis=1), fed
         system = *system[:3], system[3] / weights[:, 2, None, None], *system[4:]
-        m, n = self.time.size, self.start.shape[0]
-        out = np.empty((m, 6)), np.empty((m, 6)), np.empty((m, 6, n)), np.empty((m, NAV)), np.empty((m, NAV, n))
+        m, n, at = self.time.size, self.start.shape[0], self.states["correlated"]
+        rows = np.array([*range(NAV), at, at + 1, at + 2])
+        out = np.empty((m, 6)), np.empty((m, 6)), np.empty((m, 6, n)), rows, np.empty((m, 12)), np.empty((m, 12, n))
         cost: float = linear.forward(system, measured, (np.zeros(n), start), jumps, out)
-        return cost, (system, measured, out)
+        score, information, u, uu = np.empty((m, n)), np.empty((m, n, n)), np.empty((m, 6)), np.empty((m, 6))
+        linear.backward(system, measured, out, score, information, u, uu)
+        variance, q, by_nav, p = measured[2], system[3], score[:, :NAV], out[-1]
+        white = np.where(variance > 0.0, variance * (uu - u**2), 0.0).reshape(m, 2, 3).sum(axis=2)
+        driven = np.einsum("mij,mji->m", q, information[:, :NAV, :NAV]) - np.einsum("mi,mij,mj->m", by_nav, q, by_nav)
+        slopes = np.column_stack([white, driven])  # by the logarithm of the variance of each block
+        counts = np.column_stack([(variance > 0.0).reshape(m, 2, 3).sum(axis=2), np.full(m, NAV)])
+        smoothed, inner = out[4] + np.einsum("mij,mj->mi", p, score), (system, measured, out)
+        slope = self._slope(noise, slopes.sum(axis=0), score, information, smoothed[:, NAV:], p[:, NAV:])
+        return Pass(cost, score, information, (counts - slopes) / weights, smoothed[:, :NAV], slope, inner)
+
+    def _slope(
+        self, noise: Noise, by_blocks: FloatArray, score: FloatArray, known: FloatArray, late: FloatArray, p: FloatArray
+    ) -> FloatArray:
+        """Compute derivatives of the cost by the noise figures (5,), with their prior.
+
+        `by_blocks` (3,): derivatives by the logarithms of the variances of positions, velocities and IMU. `known`:
+        information. `late` (m, 3) and `p` (m, 3, n): smoothed time-correlated errors, and their rows of the covariance.
+        Source: S. J. Koopman, N. Shephard, "Exact score for time series models in state space form", Biometrika 79
+        (1992) 823-826.
+        """
+        part = slice(self.states["correlated"], self.states["correlated"] + 3)
+        share, rate, lasting = noise.share, self.system[0] / noise.time, noise.lasting(self.correlated_sd)
+        r, free = score[:, part], np.einsum("mii->mi", known)[:, part] - score[:, part] ** 2
+        by, first = self.lasting, known[0] - np.outer(score[0], score[0])
+        size = (-np.expm1(-2.0 * rate) @ free + np.einsum("in,nk,ik->i", by, first, by)) @ lasting
+        both = np.einsum("mij,mij->mi", p, known[:, part]) - r * late  # of noise and state, smoothed
+        time = 2.0 * rate @ (both - lasting * free).sum(axis=1)
+        position, velocity, imu = 2.0 * by_blocks
+        more = position + 2.0 * size, velocity, imu, (1.0 - share) * size - share * by_blocks[0], time
+        return np.asarray(more + 2.0 * np.divide(noise.figures, noise.sd**2))
 
     def cross(self, of: Pass, columns: FloatArray, at: int, reach: int) -> FloatArray:
         """Compute the cross information of steps at one epoch and at each other epoch, (m, d, d).
@@ -309,14 +362,10 @@ class LinearRecord:
     ) -> tuple[tuple[NDArray[Any], ...], tuple[NDArray[Any], ...], FloatArray]:
         """Apply noise and faults: system, epochs and sizes of covariance increases, and first covariance."""
         span, phi, fade, q, qd = self.system
-        by, at = float(np.exp(2.0 * noise.figures[IMU])), self.states["correlated"]
-        lasting = noise.share * np.exp(2.0 * noise.figures[POSITION]) * self.correlated_sd**2
-        fade, qd, start = fade.copy(), qd.copy(), self.start.copy()
-        kept = np.exp(-span / (FADES * np.exp(noise.figures[TIME_OF_SHARE])))[:, None]
+        by, at, lasting = np.exp(2.0 * noise.figures[IMU]), self.states["correlated"], noise.lasting(self.correlated_sd)
+        fade, qd, start = fade.copy(), qd.copy(), self.start + self.lasting.T * lasting @ self.lasting
+        kept = np.exp(-span / noise.time)[:, None]
         fade[:, at : at + 3], qd[:, at : at + 3] = kept, (1.0 - kept**2) * lasting
-        reset_correlated(start, at, np.sqrt(lasting))
-        if self.from_fix:
-            cross_covariance(start, at, np.sqrt(lasting))
         cleared: IntArray = np.zeros(span.size, dtype=np.int64)
         opened: list[tuple[int, FloatArray]] = []
         first = self.states["offset"]

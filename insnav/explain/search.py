@@ -9,6 +9,7 @@ al., IEEE Transactions on Signal Processing 60 (2012) 5024-5037).
 
 from __future__ import annotations
 
+from bisect import bisect_left
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -16,23 +17,24 @@ import numpy as np
 
 from insnav.explain.kinds import Kind, cost_of_end
 from insnav.explain.proposals import TOPS, Proposal, misfit_of, propose
-from insnav.explain.record import IMU, LEAST, TAILS, WEIGHTED, LinearRecord, Noise, Pass, Step
+from insnav.explain.record import FAR, FIGURES, IMU, LEAST, TAILS, WEIGHTED, LinearRecord, Noise, Pass, Step
 from insnav.tabular import runs_of
 from insnav.types import BoolArray, FloatArray
 
 ACCEPT = 6.0  # gain below which two explanations count as equal: the error of the approximate evidence [-]
 GRADUATED = (300.0, 100.0, 30.0, 10.0, 3.0, 1.0)  # divisors of the squared residuals, from first to last pass
 AGAIN = (1.0,) * 4  # divisors for a fit that changes little
-QUIET = -0.7  # logarithm of a reduced noise factor of the IMU for additional proposals: its noise may mask faults
-WIDTHS = 0.3, 0.3, 0.4, 0.8, 0.6  # widths of the parabolas for the noise figures, about half a prior sd
+# logarithms of noise factors for additional proposals: the noise of the IMU may mask faults
+QUIET = np.array([0.0, 0.0, -0.7, 0.0, 0.0])
 TRIED = 4  # proposals tested in a round
 SOON = 60.0  # steps within a minute may be begin and end of one fault, see `insnav.explain.kinds.ENDS` [s]
 ALONE = 2  # largest number of successive false fixes that need no fault
 WEAK = 0.3  # weight below which a fix counts as false [-]
-ROUNDS = 6  # fits of weights and noise without a fault
-MOVES = 3  # moves of one noise figure in a fit, by its width
+ROUNDS = 6  # fits until the cost no longer decreases
 SIZE_RANGE = np.array([1e-6, 1e6])  # limits of a variance, relative to the typical one: the prior costs 33 there [-]
-BUDGET = 600  # passes
+FEWEST = 20  # epochs with a fix that a search needs
+BUDGET = 600  # passes over a part of a drive
+SAME = 0.1  # largest relative change of a fault's size after the last run of the filter [-]
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,6 +46,12 @@ class Fit:
     noise: Noise
     cost: float  # -2 ln of the evidence [-]
     seen: Pass
+    curve: FloatArray  # (5, 5) second derivatives of the cost by the noise figures, approximately [-]
+
+    @property
+    def is_lost(self) -> bool:
+        """True if the noise of the IMU is at its limit: the record is not linear in the faults that it lacks."""
+        return self.noise.figures[IMU] > FAR * FIGURES[IMU][0] - 0.01
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,15 +72,16 @@ class Search:
     others: tuple[Fit, ...]
     considered: tuple[Considered, ...]
     passes: int
-    plain: Fit  # without a fault
+    plain: Fit  # the first: without a fault, or with the known ones
     gains: tuple[float, ...]  # cost increase of the best fit without each of its steps [-]
+    complete: bool = True  # false: a new fault of the IMU needs another run of the filter before the search continues
 
 
 class _Searcher:
     """Count of passes and record of all fits."""
 
-    def __init__(self, record: LinearRecord, kinds: Sequence[Kind]) -> None:
-        self.record, self.kinds, self.passes = record, kinds, 0
+    def __init__(self, record: LinearRecord, kinds: Sequence[Kind], passes: int) -> None:
+        self.record, self.kinds, self.passes = record, kinds, passes
         self.fits: dict[tuple[Step, ...], Fit] = {}
 
     def look(self, steps: tuple[Step, ...], weights: FloatArray, noise: Noise) -> Pass:
@@ -81,59 +90,47 @@ class _Searcher:
 
     def cost(self, seen: Pass, steps: tuple[Step, ...], weights: FloatArray, noise: Noise) -> float:
         """Compute -2 ln of the evidence [-]."""
-        return self.other_cost(steps, weights, noise) + seen.cost if seen.is_finite else np.inf
-
-    def other_cost(self, steps: tuple[Step, ...], weights: FloatArray, noise: Noise) -> float:
-        """Compute -2 ln of the priors of weights, noise and faults [-]."""
         of_tails = TAILS * (weights - 1.0 - np.log(weights))
-        of_weights = of_tails[:, :2][self.record.known].sum() + of_tails[:, 2].sum()
-        return float(of_weights) + noise.cost + prior_of(steps, self.record.interval)
+        of_weights = float(of_tails[:, :2][self.record.known].sum() + of_tails[:, 2].sum())
+        priors = of_weights + noise.cost + prior_of(steps, self.record.interval)
+        return seen.cost + priors if seen.is_finite else np.inf
 
     def settle(self, start: Fit, steps: tuple[Step, ...], strictness: Sequence[float] = AGAIN) -> Fit:
-        """Fit the weights and the sizes of faults, starting from another fit."""
-        weights, noise = start.weights, start.noise
-        seen = start.seen if steps == start.steps else self.look(steps, weights, noise)
+        """Fit weights, sizes of faults and noise figures, starting from another fit.
+
+        Broyden, Fletcher, Goldfarb, Shanno: J. Nocedal, S. J. Wright, Numerical Optimization, 2nd ed., 2006, eq. 6.19.
+        """
+        seen = start.seen if steps == start.steps else self.look(steps, start.weights, start.noise)
+        fit = replace(start, steps=steps, cost=self.cost(seen, steps, start.weights, start.noise), seen=seen)
         for divided in strictness:
-            if not seen.is_finite:
-                return replace(start, steps=steps, cost=np.inf)
-            weights = np.minimum((TAILS + WEIGHTED) / (TAILS + seen.squares / divided), LEAST)
-            steps = tuple(sized(self.record, seen, step) for step in steps)
-            seen = self.look(steps, weights, noise)
-        fit = Fit(steps, weights, noise, self.cost(seen, steps, weights, noise), seen)
+            if not np.isfinite(fit.cost):
+                return fit
+            weights = np.minimum((TAILS + WEIGHTED) / (TAILS + fit.seen.squares / divided), LEAST)
+            steps = tuple(sized(self.record, fit.seen, step) for step in fit.steps)
+            noise = fit.noise.tuned(fit.seen.slope, fit.curve) if divided == 1.0 else fit.noise
+            seen, curve = self.look(steps, weights, noise), fit.curve
+            moved, change = np.subtract(noise.figures, fit.noise.figures), seen.slope - fit.seen.slope
+            if moved @ change > 0.0:
+                along = curve @ moved
+                curve = curve + np.outer(change, change) / (moved @ change) - np.outer(along, along) / (moved @ along)
+            new = Fit(steps, weights, noise, self.cost(seen, steps, weights, noise), seen, curve)
+            # a step that is too long only improves the curvature
+            fit = new if divided > 1.0 or new.cost < fit.cost + ACCEPT else replace(fit, curve=curve)
+        steps, seen = fit.steps, fit.seen
         self.fits[steps] = replace(fit, seen=replace(seen, information=np.empty((0, 0, 0)), inner=()))  # memory
         return fit
 
-    def tune(self, fit: Fit, numbers: Sequence[int]) -> Fit:
-        """Find the best noise figures, one after the other, by parabolas of the cost."""
-        steps, weights, noise, cost = fit.steps, fit.weights, fit.noise, fit.cost
-
-        def at(other: Noise) -> float:
-            self.passes += 1
-            found = self.record.cost(steps, weights, other) + self.other_cost(steps, weights, other)
-            return found if np.isfinite(found) else np.inf
-
-        for number in numbers:
-            width = WIDTHS[number]
-            for _ in range(MOVES):
-                tried = [noise.changed(number, by) for by in (-width, width)]
-                costs = [at(each) for each in tried]
-                here = noise.figures[number]
-                top = top_of([each.figures[number] - here for each in (noise, *tried)], [cost, *costs])
-                if top is not None:
-                    tried.append(noise.changed(number, top))
-                    costs.append(at(tried[-1]))
-                best = int(np.argmin(costs))
-                if costs[best] >= cost:
-                    break
-                noise, cost = tried[best], costs[best]
-                if top is not None:
-                    break
-        seen = self.look(steps, weights, noise)
-        return Fit(steps, weights, noise, self.cost(seen, steps, weights, noise), seen)
+    def converge(self, fit: Fit) -> Fit:
+        """Repeat a fit until its cost no longer decreases: a gain by the noise must not count as a gain of a fault."""
+        for _ in range(ROUNDS):
+            before, fit = fit.cost, self.settle(fit, fit.steps)
+            if not fit.cost < before - ACCEPT:
+                break
+        return fit
 
     def proposals(self, fit: Fit) -> list[tuple[Proposal, Fit]]:
         """Propose faults with the present weights, with weak weights set to one, and with a quiet IMU."""
-        quiet = fit.noise.changed(IMU, min(0.0, QUIET - fit.noise.figures[IMU]))
+        quiet = fit.noise.moved(np.minimum(0.0, QUIET - fit.noise.figures) * (QUIET < 0.0))
         ways = [(fit.weights, fit.noise), (believed(fit.weights, self.record.known), fit.noise), (fit.weights, quiet)]
         rows = runs_of(np.asarray(false_for_long(fit.weights, self.record.known).any(axis=1)))
         edges = rows[np.argsort(rows[:, 0] - rows[:, 1], kind="stable")[:TOPS], 0]  # of the longest
@@ -144,7 +141,7 @@ class _Searcher:
             seen = fit.seen if number == 0 else self.look(fit.steps, weights, noise)
             if not seen.is_finite:
                 continue
-            here = Fit(fit.steps, weights, fit.noise, self.cost(seen, fit.steps, weights, noise), seen)
+            here = replace(fit, weights=weights, cost=self.cost(seen, fit.steps, weights, noise), seen=seen)
             less = here.cost - fit.cost  # loss by the changed weights or noise
             found += [
                 (each._replace(gain=each.gain - less), here)
@@ -162,8 +159,7 @@ class _Searcher:
                 continue
             forms.add(form)
             added = with_known(proposal, fit.steps)
-            trial = self.settle(replace(start, noise=fit.noise), added)
-            trial = self.tune(trial, range(len(WIDTHS))) if np.isfinite(trial.cost) else trial
+            trial = self.settle(start, added)
             trials[len(considered)] = trial
             new = tuple(step for step in added if step not in fit.steps)
             considered.append(Considered(new, proposal.gain, fit.cost - trial.cost, accepted=False))
@@ -200,7 +196,7 @@ class _Searcher:
             if not self.is_real(bare, fit, (step,)):
                 fit = bare
                 continue
-            tried = [each for each in self._elsewhere(bare, step) if each != (step,)]
+            tried = [each for each in self._elsewhere(bare, step) if replace(each[0], variance=step.variance) != step]
             trials = [self.settle(fit, (*rest, *each), AGAIN[:2]) for each in tried]
             better = [(each.cost, i) for i, each in enumerate(trials) if each.cost < fit.cost]
             real = (trials[i] for _, i in sorted(better) if self.is_real(bare, trials[i], tried[i]))
@@ -235,46 +231,87 @@ class _Searcher:
         return ends + [each.steps for each in sorted(found.values(), key=lambda each: -each.gain)[:count]]
 
 
-def search(record: LinearRecord, kinds: Sequence[Kind], known: tuple[Step, ...] = ()) -> Search:
-    """Search the faults of a record, starting from `known` faults."""
-    searcher = _Searcher(record, kinds)
-    m, none = record.time.size, Noise()
-    weights = np.ones((m, WEIGHTED.size))
-    seen = searcher.look((), weights, none)
-    start = Fit((), weights, none, np.inf, seen)
-    plain = searcher.settle(start, (), GRADUATED)
-    for _ in range(ROUNDS):  # a gain by the noise must not count as a gain of a fault
-        before = plain.cost
-        plain = searcher.settle(searcher.tune(plain, range(len(WIDTHS))), (), AGAIN[:2])
-        if plain.cost > before - ACCEPT:
+def search(
+    record: LinearRecord, kinds: Sequence[Kind], known: Search | None = None, like: Fit | None = None, *, end: str = ""
+) -> Search:
+    """Search the faults of a record.
+
+    `known`: search of the first epochs about another run of the filter, from which this one continues. `like`: fit with
+    similar noise, of another part of the drive. `end`: "lost" ends if the record is lost, "once" also after a fault.
+    """
+    searcher = _Searcher(record, kinds, known.passes if known else 0)
+    weights, curve = np.ones((record.time.size, WEIGHTED.size)), 2.0 / np.min(FIGURES, axis=1) ** 2
+    curve[:IMU] = 4.0 * 3.0 * record.time.size  # each of three values of a fix contributes 4
+    like, steps = known.best if known else like, known.best.steps if known else ()
+    noise, curve = (like.noise, like.curve) if like else (Noise(), np.diag(curve))
+    start = Fit(steps, weights, noise, np.inf, searcher.look(steps, weights, noise), curve)
+    fit = plain = searcher.converge(searcher.settle(start, steps, GRADUATED))
+    if known and not np.isfinite(fit.cost):
+        return search(record, kinds)
+    if not np.isfinite(fit.cost) or (not known and most_are_weak(record, fit.weights)):
+        return Search(fit, (), (), searcher.passes, fit, ())
+    if end and fit.is_lost:
+        return Search(fit, (), (), searcher.passes, fit, (0.0,) * len(steps), complete=False)
+    if known and end != "once":
+        if known.complete and same(fit.steps, steps):
+            return replace(known, best=fit, passes=searcher.passes)
+        fit = searcher.relocate(fit)
+    considered, complete = list[Considered](), True
+    while complete and searcher.passes < BUDGET:
+        before, fit = fit, searcher.improve(fit, considered)
+        if end == "once" or fit.steps == before.steps:
             break
-    if not np.isfinite(plain.cost) or most_are_weak(record, plain.weights):
-        return Search(plain, (), (), searcher.passes, plain, ())
-    fit = plain
-    if known:
-        begun = searcher.settle(plain, known)
-        fit = searcher.relocate(begun) if begun.cost < plain.cost else plain
-    considered: list[Considered] = []
-    while searcher.passes < BUDGET:
-        better = searcher.improve(fit, considered)
-        if better.steps == fit.steps:
-            fit = better
-            break
-        fit = searcher.relocate(better)
+        complete = all(step.kind.of_fixes for step in fit.steps if step not in before.steps)
+        fit = searcher.relocate(fit) if complete else fit
     others = [each for each in searcher.fits.values() if each.steps != fit.steps and each.cost < fit.cost + ACCEPT]
-    rests = [fit.steps[:i] + fit.steps[i + 1 :] for i in range(len(fit.steps))]
-    without = (min(plain.cost, searcher.settle(fit, rest, 3 * AGAIN).cost) if rest else plain.cost for rest in rests)
-    gains = tuple(cost - fit.cost for cost in without)
-    return Search(fit, tuple(others), tuple(considered), searcher.passes, plain, gains)
+    rests = [fit.steps[:i] + fit.steps[i + 1 :] for i in range(len(fit.steps) * (complete and end != "once"))]
+    without = (searcher.settle(fit, rest).cost if rest or known else plain.cost for rest in rests)
+    gains = tuple(cost - fit.cost for cost in without) or (0.0,) * len(fit.steps)
+    return Search(fit, tuple(others), tuple(considered), searcher.passes, plain, gains, complete)
 
 
-def top_of(places: Sequence[float], costs: Sequence[float]) -> float | None:
-    """Compute the minimum of the parabola through three costs, if it is between the outer places."""
-    if len(set(np.round(places, 6))) < 3 or not np.isfinite(costs).all():
-        return None
-    curve, slope, _ = np.polyfit(places, costs, 2)
-    top = -0.5 * slope / curve if curve > 0.0 else np.inf
-    return float(top) if min(places) < top < max(places) else None
+def search_part(
+    record: LinearRecord, kinds: Sequence[Kind], known: Search | None, like: Fit | None
+) -> tuple[LinearRecord, Search]:
+    """Search a record, or as few of its first epochs as show another fault of the IMU if the record is lost."""
+    count, low = record.time.size, known.best.weights.shape[0] if known else FEWEST
+    if known is None or known.best.steps:
+        found = search(record, kinds, known, like, end="lost")
+        if found.complete or not found.best.is_lost:
+            return record, found
+    begin = record.until(low if low < count else FEWEST)
+    if known and low == count:  # the faults made it worse
+        return begin, replace(search(begin, kinds, None, like, end="once"), complete=False)
+    if known:
+        again = search(begin, kinds, replace(known, complete=False))
+        if not same(again.best.steps, known.best.steps):
+            return begin, replace(again, complete=False)
+        known = again
+
+    def shows(epochs: int) -> bool:
+        part = search(record.until(epochs), kinds, known, like, end="once").best
+        return part.is_lost or forms_of(part.steps) != forms_of(known.best.steps if known else ())
+
+    ahead = 1
+    while low + ahead < count and not shows(low + ahead):
+        low, ahead = low + ahead, 2 * ahead
+    epochs = low + 1 + bisect_left(range(low + 1, min(low + ahead, count)), True, key=shows)
+    found = search(record.until(epochs), kinds, known, like)
+    return record.until(epochs), replace(found, complete=epochs == count)
+
+
+def forms_of(steps: Sequence[Step]) -> list[tuple[str, bool]]:
+    """Return the kinds of the faults of the IMU, and whether they end."""
+    return sorted((step.kind.name, step.end > 0) for step in steps if not step.kind.of_fixes)
+
+
+def same(some: Sequence[Step], others: Sequence[Step]) -> bool:
+    """Test whether faults have the same kinds and sizes in two records."""
+    return forms_of(some) == forms_of(others) and all(
+        abs(np.sqrt(one.variance / two.variance) - 1.0) <= SAME
+        for one, two in zip(some, others, strict=True)
+        if two.variance
+    )
 
 
 def clusters(spans: Sequence[tuple[float, float]]) -> list[tuple[int, int]]:

@@ -19,7 +19,7 @@ Functions take the same groups of arrays, for m epochs and n states, up to `WIDE
 - `out`:
   - innovation (m, 6) and variance (m, 6), -1 if nothing was measured;
   - gain (m, 6, n);
-  - mean (m, 9) and rows of the covariance (m, 9, n) of the navigation errors just before the measurement.
+  - numbers (c,) int of some states, with their mean (m, c) and rows of the covariance (m, c, n) before the measurement.
 
 Components of a measurement are processed one after the other, and change matrices by threes. Rows are padded by
 zeros. The covariance of states that are known exactly at the end, as faults before they begin, is not touched.
@@ -124,14 +124,22 @@ def move_drift(p, i, a, d, drift, columns):  # type: ignore[no-untyped-def]
     d[i] = 1.0
 
 
+@inner(forceinline=True)
+def close_loop(x, x9, size, by9, along, i, blocks):  # type: ignore[no-untyped-def]
+    """Take from the first rows of `x` their product with row `i` of `by9` times row `i` of `along`."""
+    for c in range(size):
+        total = inner_product(x9, c, by9, i, blocks)
+        for j in range(NAV * blocks):
+            x[c, j] -= total * along[i, j]
+
+
 @inner()
-def close_loop(x, c, by, along):  # type: ignore[no-untyped-def]
-    """Take from row `c` of `x` its product with `by` (n,) times `along` (n,)."""
-    total = 0.0
-    for j in range(by.shape[0]):
-        total += by[j] * x[c, j]
-    for j in range(by.shape[0]):
-        x[c, j] -= total * along[j]
+def read_loop(measured, out, k, hs, ks):  # type: ignore[no-untyped-def]
+    """Read derivatives and gains (6, n) of an epoch into `hs` and `ks`: zero where nothing was measured."""
+    n = measured[3].shape[1]
+    for i in range(6):
+        for j in range(n):
+            hs[i, j], ks[i, j] = measured[1][k, i, j], out[2][k, i, j]
 
 
 @njit(cache=True, nogil=True)
@@ -142,7 +150,7 @@ def forward(system, measured, start, jumps, out):  # type: ignore[no-untyped-def
     ascending order, and columns J (j, n, 3). J J' is added to the covariance just before the measurement of the epoch.
     """
     (z, h, var, fed), (q, qd), (row, jump) = measured, system[3:5], jumps
-    innovation, variance, gain, mean_nav, p_nav = out
+    innovation, variance, gain, told, mean_told, p_told = out
     (m, n), s = fed.shape, system[1].shape[2]
     assert n <= WIDE
     (p, _), (ft, _), (w, w9), (f, f9) = make_rows(WIDE), make_rows(WIDE), make_rows(NAV), make_rows(NAV)
@@ -189,10 +197,10 @@ def forward(system, measured, start, jumps, out):  # type: ignore[no-untyped-def
                     p[i, :n] += jump[following, i, c] * jump[following, :, c]
             following += 1
         wide = 8 * ((live + 7) // 8)
-        mean_nav[k] = mean[0, :NAV]
-        for i in range(NAV):
+        for i in range(told.shape[0]):
+            mean_told[k, i] = mean[0, told[i]]
             for j in range(n):
-                p_nav[k, i, j] = p[i, j]
+                p_told[k, i, j] = p[told[i], j]
         for first in (0, 3):
             used = False
             for c in range(3):
@@ -325,20 +333,21 @@ def cross_backward(system, measured, out, info_b, b, g, first):  # type: ignore[
     """
     (n, size), d, short = g.shape, np.zeros(WIDE), system[1].shape[2]
     (x, x_by), (y, _), (f, _), (ft, _) = make_rows(NAV), make_rows(NAV), make_rows(NAV), make_rows(WIDE)
+    (hs, _), (ks, ks_by), (of, of_by), blocks = make_rows(6), make_rows(6), make_rows(NAV), -(-n // NAV)
     f9, cross = f.reshape(1, NAV, WIDE), np.zeros((system[0].shape[0], size, size))
+    of[:size, :n] = g.T
     combine(g, info_b, x)
     for k in range(b, first - 1, -1):
         if k < b:
             drift = read_transition(system, k + 1, f, ft, d)
-        for c in range(size):
-            if k < b:
+            read_loop(measured, out, k, hs, ks)
+            for c in range(size):
                 propagate_back(y, 0, x, x_by, c, d, drift, f9, short, n)
                 x[c] = y[0]
-                for i in range(5, -1, -1):
-                    if out[1][k, i] > 0.0:
-                        close_loop(x, c, out[2][k, i], measured[1][k, i])
-            for e, j in np.ndindex(size, n):
-                cross[k, e, c] += g[j, e] * x[c, j]
+            for i in range(5, -1, -1):
+                close_loop(x, x_by, size, ks_by, hs, i, blocks)
+        for e, c in np.ndindex(size, size):
+            cross[k, e, c] = inner_product(of_by, e, x_by, c, blocks)
     return cross
 
 
@@ -351,18 +360,18 @@ def cross_forward(system, measured, out, info, a, g, last):  # type: ignore[no-u
     """
     (n, size), d, nav = g.shape, np.zeros(WIDE), np.empty((1, 16))
     (x, x_by), (y, y_by), (f, _), (ft, _) = make_rows(NAV), make_rows(NAV), make_rows(NAV), make_rows(WIDE)
+    (hs, hs_by), (ks, _), blocks = make_rows(6), make_rows(6), -(-n // NAV)
     ft9, cross = ft.reshape(BLOCKS, NAV, WIDE), np.zeros((system[0].shape[0], size, size))
     x[:size, :n] = g.T
     for k in range(a, last + 1):
         if k > a:
             drift = read_transition(system, k, f, ft, d)
-        for c in range(size):
-            if k > a:
-                for i in range(6):
-                    if out[1][k - 1, i] > 0.0:
-                        close_loop(x, c, measured[1][k - 1, i], out[2][k - 1, i])
+            read_loop(measured, out, k - 1, hs, ks)
+            for i in range(6):
+                close_loop(x, x_by, size, hs_by, ks, i, blocks)
+            for c in range(size):
                 propagate(x, x_by, c, d, drift, ft9, -(-system[1].shape[2] // NAV), nav, n)
         combine(g, info[k], y)
         for e, c in np.ndindex(size, size):
-            cross[k, e, c] = inner_product(y_by, e, x_by, c, -(-n // NAV))
+            cross[k, e, c] = inner_product(y_by, e, x_by, c, blocks)
     return cross

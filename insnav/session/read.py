@@ -54,10 +54,10 @@ _DESCRIBING = ("axes", "units", "columns", "sampling", "stamp")
 
 
 def by_name(inputs: NamedInputs) -> Inputs:
-    """Rename the inputs for `Inputs`; ``imu_model`` is deprecated until 0.4."""
+    """Rename the inputs for `Inputs`; ``imu_model`` is deprecated until 0.5."""
     known: dict[str, Any] = {**inputs}
     if known.get("imu_model") is not None:
-        warnings.warn("imu_model is deprecated and ends with version 0.4: use imu", DeprecationWarning, stacklevel=3)
+        warnings.warn("imu_model is deprecated and ends with version 0.5: use imu", DeprecationWarning, stacklevel=3)
     if (given := known.pop("imu", None)) is not None:
         known["imu_model"] = given
     return cast(Inputs, known)

@@ -34,7 +34,8 @@ def test_a_pass_each_way_costs_less_than_dense_propagation() -> None:
     h = random.normal(size=(EPOCHS, 6, N)) * (random.random(N) < 0.2)
     measured = random.normal(size=(EPOCHS, 6)), h, np.ones((EPOCHS, 6)), np.zeros((EPOCHS, N))
     start, jumps = (np.zeros(N), np.diag(1.0 - faults)), (np.array([100]), np.eye(N, 3, 9 - N)[None])
-    out = (*np.empty((2, EPOCHS, 6)), np.empty((EPOCHS, 6, N)), np.empty((EPOCHS, 9)), np.empty((EPOCHS, 9, N)))
+    told = np.arange(12), np.empty((EPOCHS, 12)), np.empty((EPOCHS, 12, N))
+    out = (*np.empty((2, EPOCHS, 6)), np.empty((EPOCHS, 6, N)), *told)
     back = np.empty((EPOCHS, N)), np.empty((EPOCHS, N, N)), np.empty((EPOCHS, 6)), np.empty((EPOCHS, 6))
     f = 0.1 * random.normal(size=(N, N))
 

@@ -315,7 +315,6 @@ def test_a_gyro_bias_that_steps_is_found_and_taken_into_account(seed, axis):
     assert step["rate_rad_s"] == pytest.approx(0.5 * DEG, rel=0.1)
 
 
-@WORSE
 def test_an_imu_that_is_turned_in_its_place_is_found():
     imu = recording(5).imu
     turn, after = dcm_from_rph(np.deg2rad([0.0, 0.0, 90.0])), (imu.time > imu.time[0] + AT)[:, None]
@@ -325,25 +324,26 @@ def test_an_imu_that_is_turned_in_its_place_is_found():
     assert any(of_code(told(done), Code.CHANGE_TURNED))
 
 
-@WORSE
 @pytest.mark.parametrize(
     ("motion", "imu", "gps", "seed", "axis", "rate", "begin", "length"),
     [
         ("bends", "automotive", "single", 1, 2, -5.0, 120.0, 30.0),
         ("city", "automotive", "single", 4, 2, -5.0, 200.0, 40.0),
         # all fixes are rejected from then on to the end
-        ("bends", "automotive", "rtk", 9202, 0, 4.0, 100.0, 20.0),
-        # lost in the first quarter of the drive, before anything of it is seen
-        ("motorway", "consumer", "dgps", 9203, 2, 2.0, 120.0, 30.0),
+        pytest.param("bends", "automotive", "rtk", 9202, 0, 4.0, 100.0, 20.0, marks=WORSE),
+        # lost in the first quarter of the drive, before anything of it is seen: 1.9 deg/s from 117 s on fits as well
+        pytest.param("motorway", "consumer", "dgps", 9203, 2, 2.0, 120.0, 30.0, marks=WORSE),
+        # to the end
+        ("city", "automotive", "single", 4, 2, 3.0, 200.0, np.inf),
     ],
 )
 def test_a_gyro_by_which_the_filter_is_lost_is_named(motion, imu, gps, seed, axis, rate, begin, length):
-    """Heading is off by 16 to 150 deg, where innovations are no linear function of the rate."""
+    """Heading is off by 16 to 180 deg, where innovations are no linear function of the rate."""
     drive = insnav.simulate(motion, imu=imu, gps=gps, seed=seed)
     begin += drive.imu.data.time[0]
     run = insnav.load(off(drive.imu.data, axis, rate * DEG, begin, length), drive.gps.data).navigate().found.run
     (said,) = of_code(run.events, *CONTRADICTIONS)
-    assert said.code is Code.CHANGE_GYRO_FAULT
+    assert said.code is (Code.CHANGE_GYRO_FAULT if length < np.inf else Code.CHANGE_GYRO_BIAS)
     assert said.severity is Severity.WARNING
     assert said.subject == f"gyro {'xyz'[axis]}"
     assert said["rate_rad_s"] == pytest.approx(rate * DEG, rel=0.05)

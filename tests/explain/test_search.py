@@ -79,7 +79,8 @@ def test_a_single_false_fix_is_weak_and_no_fault() -> None:
     assert told(found) == []
     assert found.best.weights[100, 0] < 1e-3
     # the density of Student's t at d sd in each of three axes, of which a normal distribution would cost d^2 each
-    white = nominal().variance[100, :3] * (1.0 - found.best.noise.share)
+    noise = found.best.noise
+    white = nominal().variance[100, :3] * (1.0 - noise.share) * np.exp(2.0 * noise.figures[0])
     distance = (300.0**2 / white).sum()
     assert found.best.weights[100, 0] == pytest.approx((TAILS + 3.0) / (TAILS + distance), rel=0.1)
 
@@ -94,7 +95,7 @@ def test_a_return_ends_displacements_of_the_fixes_alone() -> None:
         Step(RETURN, 150, 0.0),
     )
     weights = np.ones((record.time.size, WEIGHTED.size))
-    best = Fit(steps, weights, Noise(), 0.0, record.run(steps, weights, Noise()))
+    best = Fit(steps, weights, Noise(), 0.0, record.run(steps, weights, Noise()), np.eye(5))
     gyro, drag, passing, jump = faults_in(record, Search(best, (), (), 0, best, (1.0,) * len(steps)))
     assert np.isinf(gyro.end)
     assert (drag.end, drag.back) == (record.time[80], record.time[150])
@@ -113,9 +114,57 @@ def test_expected_squares_are_the_derivative_of_the_likelihood_by_the_weights(co
     for row in (1, 57, 200):
         changed = np.ones_like(weights)
         changed[row, column] = np.exp(by)
-        more, less = (record.cost((), weights * changed**sign, Noise()) for sign in (1, -1))
+        more, less = (record.run((), weights * changed**sign, Noise()).cost for sign in (1, -1))
         expected = weights[row, column] * squares[row, column] - WEIGHTED[column]
         assert (more - less) / (2.0 * by) == pytest.approx(expected, rel=1e-3, abs=1e-3)
+
+
+def dense_cost(record: LinearRecord, steps: tuple[Step, ...], weights: np.ndarray, noise: Noise) -> float:
+    """-2 ln of the normal density of all fixes at once, and the prior of the noise, by the definition of the record."""
+    (span, phi, fade, q, qd, cleared), (rows, columns), start = record._with(steps, noise)
+    z, h, fed = record.measured
+    m, n = fed.shape
+    by = np.exp(2.0 * np.array(noise.figures[:2])) * [1.0 - noise.share, 1.0]
+    mean, errors, roots = np.zeros(n), np.zeros((m, 6)), [np.linalg.cholesky(start + 1e-12 * np.eye(n))]
+    effect, shown = roots[0], []
+    for k in range(m):
+        if k > 0:
+            f = np.diag(np.r_[np.zeros(NAV), fade[k, NAV:]])
+            f[:NAV, : phi.shape[2]] = phi[k]
+            f[n - FAULTS : n - FAULTS + 3, n - FAULTS + 3 : n - FAULTS + 6] = span[k] * np.eye(3)
+            f[n - FAULTS : n - 3] *= cleared[k] & 1 == 0
+            f[n - 3 :] *= cleared[k] & 2 == 0
+            driven = np.diag(qd[k])
+            driven[:NAV, :NAV] = q[k] / weights[k, 2]
+            driven[:NAV, NAV:21] = 0.5 * phi[k, :, NAV:21] * qd[k, NAV:21]
+            driven[NAV:21, :NAV] = driven[:NAV, NAV:21].T
+            values, vectors = np.linalg.eigh(driven)
+            mean, effect = f @ (mean - fed[k - 1]), np.hstack([f @ effect, vectors * np.sqrt(np.maximum(values, 0.0))])
+        effect = np.hstack([effect, *columns[rows == k]])
+        errors[k] = z[k] - h[k] @ mean
+        shown.append(h[k] @ effect)
+    used = record.variance > 0.0
+    white = record.variance * np.repeat(by / weights[:, :2], 3, axis=1)
+    every = np.vstack([np.pad(each, ((0, 0), (0, effect.shape[1] - each.shape[1]))) for each in shown])[used.ravel()]
+    s, innovation = every @ every.T + np.diag(white[used]), errors[used]
+    return float(np.linalg.slogdet(s)[1] + innovation @ np.linalg.solve(s, innovation)) + noise.cost
+
+
+def test_slopes_by_the_noise_figures_are_those_of_the_dense_density() -> None:
+    whole, random, by = drawn(3), np.random.default_rng(4), 1e-3
+    record = whole.until(40)
+    steps = Step(OF["offset"], 10, 100.0, 20), Step(OF["gyro_z"], 25, 1e-4), Step(OF["rough"], 28, 1.0, 35)
+    weights = random.uniform(0.2, 1.2, (40, WEIGHTED.size))
+    assert record.from_fix
+    for each in (record, replace(record, from_fix=False)):
+        figures = np.array([0.3, -0.02, -0.4, 0.7, 0.5])
+        told = each.run(steps, weights, Noise(tuple(figures)))
+        assert told.cost + Noise(tuple(figures)).cost == pytest.approx(
+            dense_cost(each, steps, weights, Noise(tuple(figures))), abs=1e-4
+        )
+        for number, change in enumerate(by * np.eye(5)):
+            more, less = (dense_cost(each, steps, weights, Noise(tuple(figures + sign * change))) for sign in (1, -1))
+            assert told.slope[number] == pytest.approx((more - less) / (2.0 * by), rel=1e-3, abs=0.01), number
 
 
 @pytest.mark.parametrize("part", [30.0, 100.0])
@@ -134,7 +183,10 @@ def test_a_fault_that_makes_most_fixes_weak_is_still_found(name: str, size: floa
 
 @pytest.mark.parametrize("name", LASTING)
 def test_a_step_that_stays_is_found_at_its_time(name: str) -> None:
-    found = search(drawn(7, Step(OF[name], BEGIN, 1.0), LASTING[name]), KINDS)
+    record = drawn(7, Step(OF[name], BEGIN, 1.0), LASTING[name])
+    found = search(record, KINDS)
+    if not found.complete:  # another run of the filter leaves a linear record as it is
+        found = search(record, KINDS, found)
     ((kind, begin, end),) = told(found)
     assert kind == name
     assert abs(begin - BEGIN) <= NEAR
@@ -154,5 +206,5 @@ def test_an_episode_is_found_with_its_end(name: str) -> None:
 def test_figures_of_noise_stay_near_their_prior() -> None:
     noise = Noise()
     for number in range(len(noise.figures)):
-        assert abs(noise.changed(number, 50.0).figures[number]) <= 3.0
-        assert abs(noise.changed(number, -50.0).figures[number]) <= 3.0
+        assert abs(noise.moved(50.0 * np.eye(5)[number]).figures[number]) <= 3.0
+        assert abs(noise.moved(-50.0 * np.eye(5)[number]).figures[number]) <= 3.0
