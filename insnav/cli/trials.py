@@ -36,10 +36,6 @@ def regress(
     ] = False,
     update_baseline: Annotated[bool, flag(RESULT, "--update-baseline", "Make this version the baseline.")] = False,
     plot: Annotated[bool, flag(RESULT, "--plot", "Draw plots, accuracy.html and accuracy.md.")] = False,
-    peers: Annotated[bool, flag(RESULT, "--peers", "Also run pyins and GTSAM, where installed; minutes.")] = False,
-    published: Annotated[
-        bool, flag(RESULT, "--published", "Also simulate published GNSS outage tests; writes published.md; minutes.")
-    ] = False,
     out: Annotated[
         Path | None, option(RESULT, "FOLDER", "Folder of baseline and reports. [reports next to the corpus' folder]")
     ] = None,
@@ -47,7 +43,7 @@ def regress(
 ) -> None:
     """Compare with the baseline."""
     from insnav.regression.baseline import BASELINE_FILE, renewed, write_baseline
-    from insnav.regression.corpus import default_corpus, load_corpus
+    from insnav.regression.corpus import default_corpus
 
     if quick and update_baseline:
         raise ConfigError("cli.quick_baseline", where="--quick, --update-baseline")
@@ -62,17 +58,12 @@ def regress(
         from insnav.regression.regress import regress as compared
         from insnav.report.regression import page as room
 
-        outcome = compared(file, data, reports=folder, quick=quick, peers=peers, workers=engine, stage=stage)
+        outcome = compared(file, data, reports=folder, quick=quick, workers=engine, stage=stage)
         found = outcome.found
         for skipped in found.accuracy.skipped.values() if not quick else ():
             note(sentence(skipped))
         if not quick and folder != Path(__file__).parents[1] / "reports":  # an installed package is read-only
             write_history(folder / HISTORY_FILE, found.history)
-        if published:
-            stage("published")
-            names = {each.name for each in load_corpus(file).recorded}
-            written = room.write_published(folder, found, names, lambda fraction: stage("published", fraction))
-            note(f"written: {written}")
         if plot:
             stage("drawing")
             note(f"drawn: {len(room.write_pages(folder, outcome))} files in {folder}")

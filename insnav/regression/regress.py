@@ -17,7 +17,6 @@ from insnav.output.folder import write_text
 from insnav.regression.baseline import BASELINE_FILE, Baseline, Origin, kept_text, origin, read_baseline, short
 from insnav.regression.corpus import default_corpus, load_corpus
 from insnav.regression.evaluate import BY_KEY, Accuracy, run_corpus
-from insnav.regression.peers import PeerRow, run_peers
 from insnav.regression.verdict import Comparison, Verdict, compare, interval
 from insnav.result import Result
 
@@ -120,7 +119,6 @@ class Regression:
     baseline: Baseline | None
     origin: Origin  # of this version
     history: tuple[Entry, ...] = ()  # oldest first; this version is the last unless partial
-    peers: tuple[PeerRow, ...] = ()  # other programs
 
     @cached_property
     def comparison(self) -> Comparison | None:
@@ -134,7 +132,6 @@ def regress(
     *,
     reports: str | Path | None = None,
     quick: bool = False,
-    peers: bool = False,
     workers: Workers = "processes",
     stage: Callable[[str, float | None], None] = lambda name, fraction: None,
 ) -> Result[Regression]:
@@ -148,8 +145,8 @@ def regress(
         Folder of recorded drives, by default ``shared/data`` next to the project.
     reports : path, optional
         Folder of the baseline and the history, by default ``reports`` next to the folder of the corpus.
-    quick, peers : bool
-        Run only some cases; also run pyins and GTSAM, if installed.
+    quick : bool
+        Run only some cases.
     workers, stage
         Where to compute; called with the name of each stage of the work and its completed fraction.
 
@@ -172,12 +169,8 @@ def regress(
     accuracy = run_corpus(
         drives, recorded, quick=quick, workers=workers, progress=lambda fraction: stage("navigating", fraction)
     )
-    rows = []
-    if peers:
-        stage("peers", None)
-        rows = run_peers(drives, recorded, workers=workers, progress=lambda fraction: stage("peers", fraction))
-    found = Regression(accuracy, baseline, origin(file.parent), tuple(history), tuple(rows))
+    found = Regression(accuracy, baseline, origin(file.parent), tuple(history))
     if not quick:
         found = replace(found, history=tuple(with_entry(history, entry(accuracy, found.comparison, found.origin))))
-    options = {"corpus": file, "data": recorded, "reports": folder, "quick": quick, "peers": peers}
+    options = {"corpus": file, "data": recorded, "reports": folder, "quick": quick}
     return Result("regression", found, options=options)

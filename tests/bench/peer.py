@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import sys
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -10,10 +12,13 @@ from numpy.typing import NDArray
 
 from insnav.filter.prepare import Start
 from insnav.imu import ImuSpec, SensorSpec
-from insnav.regression import peers as peer_programs
-from insnav.regression.peers import Task
 from insnav.types import GpsData, ImuData
 from insnav.units import DEG, DEG_PER_H, DEG_PER_SQRT_H, M_S_PER_SQRT_H, MGAL, PPM
+
+sys.path.insert(0, str(Path(__file__).parents[2] / "reports"))
+
+import peers as peer_programs
+from peers import Task
 
 
 @dataclass(frozen=True)

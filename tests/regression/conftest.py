@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -19,6 +20,7 @@ from insnav.regression.evaluate import Accuracy, CaseResult, run_corpus
 
 LIBRARY = Path(__file__).parents[2] / "trajectories"
 NOWHERE = Path("nowhere")
+sys.path.insert(0, str(LIBRARY.parent / "reports"))  # where `peers` is
 THEN = Origin("0.0.9", "abc", "2026-01-01T00:00Z", {}, "2 x abacus")
 CORPUS = """
 [[simulated]]

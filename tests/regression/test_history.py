@@ -9,11 +9,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from peers import PeerRow, section_lines, with_section, write_peers
 
 from insnav.exceptions import InputError
 from insnav.regression.baseline import Baseline, origin
 from insnav.regression.evaluate import BY_KEY, Accuracy
-from insnav.regression.peers import PeerRow
 from insnav.regression.regress import Entry, Regression, entry, read_history, with_entry, write_history
 from insnav.regression.verdict import compare
 from insnav.report.figures import draw_drawings, drawing
@@ -54,31 +54,32 @@ def test_everything_is_drawn(count: int, result: Accuracy, baseline: Baseline, t
     peer = PeerRow("sculling", "another", (0.1, 0.2, None), (0.01, 0.02), 12.0)
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        found = Regression(result, baseline, THEN, tuple(history), (peer,))
+        found = Regression(result, baseline, THEN, tuple(history))
         files = write_pages(tmp_path, Result("regression", found))
+        write_peers(tmp_path, (peer,), THEN)
     assert len([file for file in files if file.suffix == ".png"]) == 8
     page = (tmp_path / PAGE).read_text()
     assert page.count("data:image/png;base64,") == 8
     assert "0.0.9" in page
     text = (tmp_path / SECTION).read_text()
     assert "| sculling | another | 0.100 | 0.200 | – |" in text
+    assert "another" in (tmp_path / "peers.html").read_text()
     assert THEN.computer in text
     assert all((tmp_path / name).is_file() for name in ("accuracy_cep50_m.png", "accuracy_growth.png"))
 
 
 def test_without_other_programs_their_table_stays_with_its_version(result: Accuracy, baseline: Baseline):
     peer = PeerRow("sculling", "another", (0.1, 0.2, None), (0.01, 0.02), 12.0)
-    found = Regression(result, baseline, THEN, peers=(peer,))
     later = Regression(result, baseline, replace(THEN, version="0.9.9"))
-    first = markdown(found, ())
+    section = section_lines((peer,), THEN)
+    first = with_section(markdown(Regression(result, baseline, THEN), ()), section)
     kept = peers_of(first)
     again = markdown(later, (), kept)
     assert "| sculling | another | 0.100 | 0.200 | – |" in again
     assert again.count(f"Version {THEN.version}") == again.count("Version 0.9.9") == 1
     assert again.index("Version 0.9.9") < again.index(PEERS) < again.index(f"Version {THEN.version}")
-    assert peers_of(again) == kept
-    unstamped = first.replace(f"## {PEERS}\n\nVersion", f"## {PEERS}\n\nOf", 1)
-    assert sum(line.startswith(f"Version {THEN.version}") for line in peers_of(unstamped)) == 1
+    assert peers_of(again) == kept == section
+    assert with_section(again, section) == again
     assert PEERS not in markdown(later, (), peers_of("# nothing"))
 
 

@@ -6,15 +6,15 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from peers import PeerRow, peer_matrix
 
 from insnav.regression.baseline import Baseline
 from insnav.regression.evaluate import BY_KEY, Accuracy
-from insnav.regression.peers import PeerRow
 from insnav.regression.regress import Regression, entry
 from insnav.regression.verdict import ALPHA, POWER, compare, detectable, shift
 from insnav.report.html import page_html
 from insnav.report.regression.page import page
-from insnav.report.regression.panels import change_matrix, figures_tested, is_unclear, peer_matrix
+from insnav.report.regression.panels import change_matrix, figures_tested, is_unclear
 from insnav.result import Result
 from tests.regression.conftest import THEN, with_values
 

@@ -5,11 +5,11 @@ from __future__ import annotations
 import importlib.util
 
 import numpy as np
+import peers
 import pytest
+from peers import installed, run_peers
 
-from insnav.regression import peers
 from insnav.regression.corpus import Corpus
-from insnav.regression.peers import installed, run_peers
 from tests.regression.conftest import NOWHERE
 
 pytestmark = pytest.mark.skipif(importlib.util.find_spec("pyins") is None, reason="pyins (python-ins) is not installed")

@@ -8,9 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-
-from insnav.errors.requirement.study import SPAN, TYPICAL
-from insnav.regression.peers import (
+from peers import (
     Case,
     Compared,
     compare_published,
@@ -18,7 +16,11 @@ from insnav.regression.peers import (
     read_cases,
     recorded_ratios,
     statistic,
+    write_published,
 )
+
+from insnav.errors.requirement.study import SPAN, TYPICAL
+from tests.regression.conftest import THEN
 
 REPORT = Path(__file__).parents[2] / "reports" / "published.md"
 ERRORS = [np.array([0.0, 1.0, 3.0, 2.0]), np.array([0.0, 4.0, 1.0, 1.0])]
@@ -44,13 +46,18 @@ def test_statistics_are_those_of_the_papers(kind, expected: float) -> None:
     assert statistic(kind, ERRORS) == pytest.approx(expected)
 
 
-def test_the_field_factor_of_two_tests_by_hand() -> None:
+def test_the_field_factor_of_two_tests_by_hand(tmp_path: Path) -> None:
     case = read_cases()[0].model_copy(update={"value": 2.0})
-    found = field_factor([Compared(case, (), 1.0, (0.5, 2.0), 10)], {"drive": 8.0})
+    compared = [Compared(case, (), 1.0, (0.5, 2.0), 10)]
+    found = field_factor(compared, {"drive": 8.0})
     assert found.typical == pytest.approx(4.0)
     sd, quantile = math.log(4.0) / math.sqrt(2.0), 12.7062047  # Student's t, one degree of freedom
     assert math.log(found.interval[1] / 4.0) == pytest.approx(quantile * sd / math.sqrt(2.0), rel=1e-6)
     assert math.log(found.span[1] / 4.0) == pytest.approx(quantile * sd * math.sqrt(1.5), rel=1e-6)
+    write_published(tmp_path, compared, {"drive": np.array([[3.0, 128.0, 2.0]])}, THEN)
+    text = (tmp_path / REPORT.name).read_text()
+    assert "predicted error: **4.00**" in text
+    assert "\n| drive | 8.00 |\n" in text
 
 
 def test_other_figures_of_a_test_do_not_count_twice() -> None:

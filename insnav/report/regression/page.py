@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+import re
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, replace
 from itertools import starmap
 from pathlib import Path
@@ -15,30 +16,22 @@ from insnav.findings import Code, Finding
 from insnav.messages import sentence
 from insnav.output.folder import write_text
 from insnav.quantity import Quantity
-from insnav.regression import peers
 from insnav.regression.baseline import Baseline, Origin
 from insnav.regression.evaluate import BY_KEY, FAILS_FROM, LIKELY, CaseResult
-from insnav.regression.peers import PeerRow
 from insnav.regression.regress import Regression
 from insnav.regression.verdict import ALPHA, CPU_FAILS_FROM, POWER, Change, Comparison, detectable_apart, interval
 from insnav.report.figures import drawing, save
-from insnav.report.html import filled, page_html
+from insnav.report.html import page_html
 from insnav.report.page import DataFrame, Page, Section, Verdict, drawn, of_table, only_json, rows_frame, section_tables
 from insnav.report.regression import panels
-from insnav.report.style import number
 from insnav.report.terminal import hanging, table_text
 from insnav.result import Result
 from insnav.sample_statistics import rms
 
-PAGE, SECTION, FILE = "accuracy.html", "accuracy.md", "published.md"
+PAGE, SECTION = "accuracy.html", "accuracy.md"
 OVER_VERSIONS = ("cep50_m", "down_rms_m", "roll_pitch_rms_deg", "heading_rms_deg", "outage_60s_m", "nees_position")
 _WARNED = 3  # failing figures listed before the matrix
-_MADE = "Version "  # start of the line that names the version of the figures
 _IN_SECTION = ("accuracy_cep50_m", "accuracy_growth")
-_PEER_NOTE = (
-    f"RMS over the first {peers.LONGEST:g} s of the first drive of each case, longer if the heading needs it. From "
-    f"{peers.LATEST:g} s on at the latest. Samples, fixes, start and sensor figures are equal. gtsam: at the fixes only"
-)
 PEERS = "The same drives by other programs"
 UNDETECTABLE = 10.0  # above this detectable change, the test shows nothing useful [%]
 OVERCONFIDENT = 1.25  # lower limit of the 95 % interval of NEES / 3 for over-confidence
@@ -81,20 +74,15 @@ def page(result: Result[Regression]) -> Page:
         matrix = panels.change_matrix(accuracy, comparison, baseline, found.history)
         first.append(Section("", "Change since the baseline, %", matrix=matrix, show="page"))
         changed = (Section("", "Figures that changed", rows=change_rows([x for x in changes if x.verdict != "same"])),)
-    others = panels.peer_matrix(found.peers)
-    if others is not None:
-        title = "Errors of other programs over errors of insnav, one drive each, smoothers over its smoother"
-        first.append(Section("", title, matrix=others, show="page"))
     origins = {"origin": found.origin, "baseline": None if baseline is None else baseline.origin}
     figures = tuple(each for section in _drawings(found) for each in section.figures)
     return Page(
         "insnav: accuracy over versions",
-        (_where(found.origin),),
+        (made_line(found.origin),),
         (
             *first,
             case_section(found),
             *changed,
-            *([replace(peer_section(found.peers), folded=True)] if found.peers else []),
             only_json(
                 "",
                 *(Quantity(name, None if each is None else asdict(each)) for name, each in origins.items()),
@@ -123,10 +111,9 @@ def text(result: Result[Regression], width: int | None = None) -> str:
     """Write the accuracy for the terminal: cases, changes, and the verdict."""
     found = result.found
     comparison, baseline = found.comparison, found.baseline
-    below = ["", *_text(peer_section(found.peers))] if found.peers else []
     lines = [*_text(case_section(found)), ""]
     if comparison is None or baseline is None:
-        return "\n".join([*lines, "there is no baseline to compare with: --update-baseline makes one", *below])
+        return "\n".join([*lines, "there is no baseline to compare with: --update-baseline makes one"])
     for name in ("better", "worse"):
         chosen = [change for change in comparison.changes if change.verdict == name and not change.fails]
         lines += [f"{name:<8}{change_text(change)}" for change in chosen]
@@ -134,7 +121,7 @@ def text(result: Result[Regression], width: int | None = None) -> str:
     lines += [f"apart   {sentence(each)}" for each in comparison.apart.values()]
     lines += [f"BROKEN  {sentence(each)}" for each in comparison.broken.values()]
     lines += [f"FAILS   {change_text(change)}" for change in comparison.failing]
-    return "\n".join([*lines, *hanging([verdict_text(comparison, baseline.origin)], width), *below])
+    return "\n".join([*lines, *hanging([verdict_text(comparison, baseline.origin)], width)])
 
 
 def _text(section: Section) -> list[str]:
@@ -266,23 +253,6 @@ def change_rows(changes: Sequence[Change]) -> tuple[tuple[Quantity, ...], ...]:
     return tuple(of_table("regression.change", change) for change in changes)
 
 
-def peer_section(peers: Sequence[PeerRow]) -> Section:
-    """Tabulate other programs on the same drives."""
-    rows = tuple(
-        (
-            Quantity("case", row.case),
-            Quantity("program", row.program),
-            *(Quantity(axis, value, "m") for axis, value in zip("NED", row.rms, strict=True)),
-            Quantity("tilt", row.attitude_deg[0], meaning="tilt [deg]"),  # already in degrees
-            Quantity("heading", row.attitude_deg[1], meaning="heading [deg]"),
-            Quantity("cpu", row.cpu_us, "us", meaning="CPU a sample"),
-            Quantity("remark", row.remark),
-        )
-        for row in peers
-    )
-    return Section("", PEERS, rows=rows, note=_PEER_NOTE)
-
-
 def power_section(baseline: Baseline) -> Section:
     """Tabulate the smallest change of each figure detectable in `POWER` of all cases, by the drives' scatter."""
     tests = sum(key != "cpu_ratio" for case in baseline.cases.values() for key in case.measured.values)
@@ -350,51 +320,28 @@ def write_pages(folder: Path, result: Result[Regression]) -> list[Path]:
 
 def markdown(found: Regression, pictures: Sequence[tuple[str, str]], kept: Sequence[str] = ()) -> str:
     """Write the README section: plots and tables in Markdown. `kept`: earlier lines of other programs."""
-    made = _where(found.origin)
-    lines = ["# Accuracy on the corpus", "", made, ""]
+    lines = ["# Accuracy on the corpus", "", made_line(found.origin), ""]
     for caption, name in pictures:
         lines += [f"![{caption}]({name})", ""]
-    lines += _table(case_section(found))
-    lines += _table(peer_section(found.peers), made) if found.peers else kept
-    return "\n".join([*lines, *(f"- {sentence(rule)}" for rule in RULES), ""])
+    lines += markdown_table(case_section(found))
+    return "\n".join([*lines, *kept, *(f"- {sentence(rule)}" for rule in RULES), ""])
 
 
-def _table(section: Section, made: str = "") -> list[str]:
+def markdown_table(section: Section) -> list[str]:
+    """Write the one table of a section in Markdown, with title and note."""
     (table,) = section_tables(section)
     rule = ("---", *("---:" for _ in table.columns[1:]))
     rows = (f"| {' | '.join(cells)} |" for cells in (table.columns, rule, *table.rows))
-    return [f"## {table.title}", "", *([made, ""] if made else []), *rows, "", table.note, ""]
+    return [f"## {table.title}", "", *rows, "", table.note, ""]
 
 
 def peers_of(text: str) -> list[str]:
-    """Return the lines about other programs in such a section, with their version."""
-    lines = text.splitlines()
-    head = f"## {PEERS}"
-    if head not in lines:
-        return []
-    below = lines[lines.index(head) + 1 :]
-    end = next((i for i, line in enumerate(below) if line.startswith(("## ", "- "))), len(below))
-    own = any(line.startswith(_MADE) for line in below[:end])
-    made = next((line for line in lines if line.startswith(_MADE)), "")
-    return [head, *([] if own else ["", made]), *below[:end]]
+    """Return the lines about other programs in such a section."""
+    found = re.search(rf"^## {PEERS}\n.*?(?=^## |^- |\Z)", text, re.DOTALL | re.MULTILINE)
+    return found[0].splitlines() if found else []
 
 
-def _where(now: Origin) -> str:
+def made_line(now: Origin, command: str = "insnav regress --plot") -> str:
+    """Write which version made the figures, when, where and by which command."""
     commit = f", commit {now.commit}" if now.commit else ""
-    return f"{_MADE}{now.version}{commit}, {now.date}, {now.computer}; made by `insnav regress --plot`."
-
-
-def write_published(
-    folder: Path, found: Regression, recorded: Collection[str], progress: Callable[[float], None]
-) -> Path:
-    """Simulate published outage tests; write them with the ratio to the `recorded` cases."""
-    compared = peers.compare_published(peers.read_cases(), progress=progress)
-    cases = {} if found.baseline is None else dict(found.baseline.cases)
-    cases |= {name: case for name, case in found.accuracy.cases.items() if case.measured.values}
-    growth = {name: case.measured.growth for name, case in cases.items() if name in recorded}
-    field = peers.field_factor(compared, peers.recorded_ratios(growth))
-    missing = sorted({f"{each.case.imu}: {', '.join(each.missing)}" for each in compared if each.missing})
-    places = sorted({f"{each.case.source.split(',')[0]}: {each.case.where}" for each in compared})
-    lists = {"compared": compared, "missing": missing, "places": places}
-    write_text(folder / FILE, filled("published.md.j2", field=field, now=found.origin, number=number, **lists))
-    return folder / FILE
+    return f"Version {now.version}{commit}, {now.date}, {now.computer}; made by `{command}`."

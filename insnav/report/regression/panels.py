@@ -11,7 +11,6 @@ from scipy.special import stdtrit
 
 from insnav.regression.baseline import Baseline
 from insnav.regression.evaluate import FAILS_FROM, GROWTH, METRICS, Accuracy, CaseResult, Metric
-from insnav.regression.peers import PeerRow
 from insnav.regression.regress import Entry
 from insnav.regression.verdict import Change, Comparison, detectable
 from insnav.report.page import Cell, Matrix, Table
@@ -24,8 +23,6 @@ COLUMNS = 4  # of panels side by side
 _TICKS = 5  # version labels below a panel, at most
 _VERSIONS, _DRIVES = 8, 40  # shown of a history, and of the drives in a cell's details
 _STEPS = (0.05, 0.2)  # relative changes with stronger colours
-_TIE = 0.1  # relative difference of a peer that counts as equal
-_PEER_AXES = ("north", "east", "down", "tilt", "heading")
 TONES = (
     ("better3", "better by 20 %"),
     ("better2", "5 %"),
@@ -119,44 +116,6 @@ def _behind(change: Change, result: Accuracy, baseline: Baseline, history: Seque
     columns = (what, *(str(k) for k in range(1, len(pairs) + 1)))
     then, now = (tuple(number(each) for each in side) for side in zip(*pairs, strict=True))
     return (*tables, Table(f"{what}s, baseline and now", columns, (("baseline", *then), ("now", *now))))
-
-
-def peer_matrix(peers: Sequence[PeerRow]) -> Matrix | None:
-    """Build the matrix of other programs' errors over insnav's on the same drive; None without any.
-
-    Smoothers are compared with the smoother. One drive per case permits no significance test.
-    """
-    programs = list(dict.fromkeys(row.program for row in peers if not row.program.startswith("insnav")))
-    figures = {(row.case, row.program): (*row.rms, *row.attitude_deg) for row in peers}
-    own = list(dict.fromkeys(row.case for row in peers if row.program == "insnav"))
-    columns = [(program, axis) for program in programs for axis in range(len(_PEER_AXES))]
-    if not own or not columns:
-        return None
-
-    none = (None,) * len(_PEER_AXES)
-
-    def cell(name: str, program: str, axis: int) -> Cell | None:
-        base = "insnav, smoothed" if program.endswith("smoothed") else "insnav"
-        a, b = (figures.get((name, each), none)[axis] for each in (base, program))
-        return _peer_cell(name, program, _PEER_AXES[axis], a, b)
-
-    rows = tuple((name, tuple(cell(name, *column) for column in columns)) for name in own)
-    tones = (
-        ("better2", "insnav has smaller errors"),
-        ("same", f"within {100 * _TIE:g} %"),
-        ("worse2", "insnav has larger errors"),
-    )
-    return Matrix(tuple(f"{program}, {_PEER_AXES[axis]}" for program, axis in columns), rows, tones)
-
-
-def _peer_cell(case: str, program: str, axis: str, own: float | None, other: float | None) -> Cell | None:
-    if own is None or other is None or not own > 0.0 or not np.isfinite(other):
-        return None
-    ratio = other / own
-    tone = "same" if abs(np.log(ratio)) < np.log1p(_TIE) else "better2" if ratio > 1.0 else "worse2"
-    unit = "deg" if axis in ("tilt", "heading") else "m"
-    title = f"{case}, {axis}: {program} {number(other)} {unit}, insnav {number(own)} {unit}"
-    return Cell(f"{ratio:.2g}", tone, title)
 
 
 def history_panels(history: Sequence[Entry], baseline: Baseline | None, metric: Metric) -> list[Panel]:

@@ -1,4 +1,4 @@
-"""Comparison with other programs on the same drives, and with published outage results.
+"""Compare with other programs on the same drives, and with published outage results: ``python reports/peers.py``.
 
 The programs are pyins (a filter) and GTSAM (a batch smoother), if installed.
 
@@ -9,6 +9,7 @@ figures.
 
 from __future__ import annotations
 
+import argparse
 import importlib.util
 import math
 import time as clock
@@ -21,6 +22,7 @@ from typing import Annotated, Any, Literal
 import numpy as np
 import pymap3d
 import scipy
+from jinja2 import Environment, StrictUndefined
 
 from insnav.attitude import dcm_from_rph
 from insnav.config_file import Table, read_toml, scalar, validate
@@ -31,14 +33,24 @@ from insnav.filter.navigate import navigate_recording
 from insnav.filter.prepare import Prepared, Start, prepare
 from insnav.imu import ImuSpec, load_imu
 from insnav.imu.specification import SensorSpec
-from insnav.regression.corpus import Corpus, Material, RecordedCase, source_of
-from insnav.regression.evaluate import SERIES, AnyCase, errors_of, settled
+from insnav.output.folder import write_text
+from insnav.quantity import Quantity
+from insnav.regression.baseline import BASELINE_FILE, Origin, origin, read_baseline
+from insnav.regression.corpus import Corpus, Material, RecordedCase, default_corpus, load_corpus, source_of
+from insnav.regression.evaluate import SERIES, AnyCase, errors_of, run_corpus, settled
+from insnav.report.html import page_html
+from insnav.report.page import Cell, Matrix, Page, Section, section_tables
+from insnav.report.regression.page import PEERS, SECTION, made_line, markdown_table
+from insnav.report.style import number
+from insnav.report.terminal import table_text
 from insnav.sample_statistics import rms
 from insnav.session.simulation import simulate
 from insnav.simulate.montecarlo import run_seed
 from insnav.types import FloatArray, GpsData, ImuData, IntArray, Trajectory
 from insnav.units import DEG
 
+REPORTS = Path(__file__).parent
+PAGE, FILE = "peers.html", "published.md"
 _WARM = 2.0  # part of the drive for compilation [s]
 _INTEGRATION = 1e-8  # covariance of GTSAM's integration of position, as in its examples [m^2/s]
 _DEGREES = np.array([DEG, DEG, 1.0])
@@ -48,6 +60,12 @@ _SPARSE = 0.5  # a solution with longer steps is evaluated at its own epochs onl
 _SAME = 5e-3  # largest distance from an epoch [s]
 SEEDS = 3  # drives per replica
 FIRST, SPACING = 120.0, 15.0  # of the outages in a drive [s]
+_TIE = 0.1  # relative difference of a peer that counts as equal
+_AXES = ("north", "east", "down", "tilt", "heading")
+_NOTE = (
+    f"RMS over the first {LONGEST:g} s of the first drive of each case, longer if the heading needs it. From "
+    f"{LATEST:g} s on at the latest. Samples, fixes, start and sensor figures are equal. gtsam: at the fixes only"
+)
 Statistic = Literal["RMS of maxima", "RMS at the end", "mean at the end", "maximum"]
 
 
@@ -228,15 +246,13 @@ def installed() -> dict[str, Callable[[Task], PeerRun]]:
     return {name: run for name, (module, run) in known.items() if importlib.util.find_spec(module) is not None}
 
 
-def run_peers(
-    corpus: Corpus, data: Path, *, workers: Workers = 1, progress: Callable[[float], None] | None = None
-) -> list[PeerRow]:
+def run_peers(corpus: Corpus, data: Path, *, workers: Workers = 1) -> list[PeerRow]:
     """Run insnav and every peer on the first part of every case's first drive.
 
     `data`: folder of recorded data; cases without data are skipped.
     """
     cases = [case for case in corpus.cases if not isinstance(case, RecordedCase) or (data / case.data).is_dir()]
-    found = every(_compared, [(case, data) for case in cases], workers, progress=progress)
+    found = every(_compared, [(case, data) for case in cases], workers)
     return [row for rows in found for row in rows]
 
 
@@ -372,23 +388,13 @@ class FieldFactor:
 
 def read_cases() -> list[Case]:
     """Read the published results."""
-    path = Path(__file__).with_name("published.toml")
+    path = REPORTS / "published.toml"
     return validate(_File, read_toml(path), str(path)).case
 
 
-def compare_published(
-    cases: Sequence[Case], seeds: int = SEEDS, progress: Callable[[float], None] | None = None
-) -> list[Compared]:
-    """Simulate every case; cases of one test share a simulation.
-
-    `seeds`: drives of a replica. `progress`: called with the fraction done.
-    """
-    made: dict[tuple[str, str, float, bool], list[FloatArray]] = {}
-    tests = list(dict.fromkeys(_test(case) for case in cases))
-    for number, test in enumerate(tests):
-        made[test] = errors_in_outages(*test, seeds=seeds)
-        if progress is not None:
-            progress((number + 1) / len(tests))
+def compare_published(cases: Sequence[Case], seeds: int = SEEDS) -> list[Compared]:
+    """Simulate every case; cases of one test share a simulation. `seeds`: drives of a replica."""
+    made = {test: errors_in_outages(*test, seeds=seeds) for test in dict.fromkeys(map(_test, cases))}
     return [_simulated(case, made[_test(case)]) for case in cases]
 
 
@@ -453,3 +459,130 @@ def field_factor(compared: Sequence[Compared], recorded: Mapping[str, float]) ->
     own, further = quantile * sd / math.sqrt(n), quantile * sd * math.sqrt(1.0 + 1.0 / n)
     interval, span = ((math.exp(mean - half), math.exp(mean + half)) for half in (own, further))
     return FieldFactor(ratios, math.exp(mean), interval, span)
+
+
+def peer_section(peers: Sequence[PeerRow]) -> Section:
+    """Tabulate other programs on the same drives."""
+    rows = tuple(
+        (
+            Quantity("case", row.case),
+            Quantity("program", row.program),
+            *(Quantity(axis, value, "m") for axis, value in zip("NED", row.rms, strict=True)),
+            Quantity("tilt", row.attitude_deg[0], meaning="tilt [deg]"),  # already in degrees
+            Quantity("heading", row.attitude_deg[1], meaning="heading [deg]"),
+            Quantity("cpu", row.cpu_us, "us", meaning="CPU a sample"),
+            Quantity("remark", row.remark),
+        )
+        for row in peers
+    )
+    return Section("", PEERS, rows=rows, note=_NOTE)
+
+
+def peer_matrix(peers: Sequence[PeerRow]) -> Matrix | None:
+    """Build the matrix of other programs' errors over insnav's on the same drive; None without any.
+
+    Smoothers are compared with the smoother. One drive per case permits no significance test.
+    """
+    programs = list(dict.fromkeys(row.program for row in peers if not row.program.startswith("insnav")))
+    figures = {(row.case, row.program): (*row.rms, *row.attitude_deg) for row in peers}
+    own = list(dict.fromkeys(row.case for row in peers if row.program == "insnav"))
+    columns = [(program, axis) for program in programs for axis in range(len(_AXES))]
+    if not own or not columns:
+        return None
+
+    none = (None,) * len(_AXES)
+
+    def cell(name: str, program: str, axis: int) -> Cell | None:
+        base = "insnav, smoothed" if program.endswith("smoothed") else "insnav"
+        a, b = (figures.get((name, each), none)[axis] for each in (base, program))
+        return _peer_cell(name, program, _AXES[axis], a, b)
+
+    rows = tuple((name, tuple(cell(name, *column) for column in columns)) for name in own)
+    tones = (
+        ("better2", "insnav has smaller errors"),
+        ("same", f"within {100 * _TIE:g} %"),
+        ("worse2", "insnav has larger errors"),
+    )
+    return Matrix(tuple(f"{program}, {_AXES[axis]}" for program, axis in columns), rows, tones)
+
+
+def _peer_cell(case: str, program: str, axis: str, own: float | None, other: float | None) -> Cell | None:
+    if own is None or other is None or not own > 0.0 or not np.isfinite(other):
+        return None
+    ratio = other / own
+    tone = "same" if abs(np.log(ratio)) < np.log1p(_TIE) else "better2" if ratio > 1.0 else "worse2"
+    unit = "deg" if axis in ("tilt", "heading") else "m"
+    title = f"{case}, {axis}: {program} {number(other)} {unit}, insnav {number(own)} {unit}"
+    return Cell(f"{ratio:.2g}", tone, title)
+
+
+def section_lines(peers: Sequence[PeerRow], now: Origin) -> list[str]:
+    """Write the table of other programs in Markdown, with its version."""
+    title, *table = markdown_table(peer_section(peers))
+    return [title, "", made_line(now, "python reports/peers.py"), *table]
+
+
+def with_section(text: str, section: Sequence[str]) -> str:
+    """Put the table of other programs into the accuracy section, before its rules."""
+    lines = text.splitlines()
+    rules = next((i for i, line in enumerate(lines) if line.startswith("- ")), len(lines))
+    begin = lines.index(f"## {PEERS}") if f"## {PEERS}" in lines else rules
+    return "\n".join([*lines[:begin], *section, *lines[rules:], ""])
+
+
+def write_peers(folder: Path, peers: Sequence[PeerRow], now: Origin) -> None:
+    """Write the table into the accuracy section, and a page with the ratios of the errors."""
+    path, sections, matrix = folder / SECTION, [peer_section(peers)], peer_matrix(peers)
+    write_text(path, with_section(path.read_text(encoding="utf-8"), section_lines(peers, now)))
+    if matrix is not None:
+        title = "Errors of other programs over errors of insnav, one drive each, smoothers over its smoother"
+        sections.insert(0, Section("", title, matrix=matrix, show="page"))
+    made = made_line(now, "python reports/peers.py")
+    write_text(folder / PAGE, page_html(Page(f"insnav: {PEERS}", (made,), tuple(sections)), {}))
+
+
+def write_published(
+    folder: Path, compared: Sequence[Compared], recorded: Mapping[str, FloatArray], now: Origin
+) -> None:
+    """Write the published outage tests and the field factor; `recorded`: error growth of recorded drives."""
+    lists = {
+        "compared": compared,
+        "missing": sorted({f"{each.case.imu}: {', '.join(each.missing)}" for each in compared if each.missing}),
+        "places": sorted({f"{each.case.source.split(',')[0]}: {each.case.where}" for each in compared}),
+    }
+    environment = Environment(undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True)
+    template = environment.from_string((REPORTS / "published.md.j2").read_text(encoding="utf-8"))
+    field = field_factor(compared, recorded_ratios(recorded))
+    write_text(folder / FILE, template.render(field=field, now=now, number=number, **lists))
+
+
+def recorded_growth(corpus: Corpus, data: Path) -> dict[str, FloatArray]:
+    """Measure the error growth of every recorded drive, from the baseline where its data are absent."""
+    baseline = read_baseline(REPORTS / BASELINE_FILE)
+    recorded = corpus.model_copy(update={"simulated": []})
+    cases = {} if baseline is None else dict(baseline.cases)
+    found = run_corpus(recorded, data, workers="processes").cases
+    cases |= {name: case for name, case in found.items() if case.measured.values}  # noqa: PD011
+    return {each.name: cases[each.name].measured.growth for each in corpus.recorded if each.name in cases}
+
+
+def main() -> None:
+    """Measure, and write the pages."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--only", choices=("programs", "published"), help="one of the two comparisons; default: both")
+    parser.add_argument("--corpus", type=Path, default=default_corpus(), help="the drives [trajectories/corpus.toml]")
+    data = REPORTS.parents[1] / "shared" / "data"
+    parser.add_argument("--data", type=Path, default=data, help="recorded drives [shared/data next to the project]")
+    parser.add_argument("--out", type=Path, default=REPORTS, help="folder of the pages [reports]")
+    asked = parser.parse_args()
+    corpus, now = load_corpus(asked.corpus), origin(REPORTS)
+    if asked.only != "published":
+        rows = run_peers(corpus, asked.data, workers="processes")
+        print(*map(table_text, section_tables(peer_section(rows))), sep="\n")
+        write_peers(asked.out, rows, now)
+    if asked.only != "programs":
+        write_published(asked.out, compare_published(read_cases()), recorded_growth(corpus, asked.data), now)
+
+
+if __name__ == "__main__":
+    main()
