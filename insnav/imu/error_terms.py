@@ -48,7 +48,7 @@ class ErrorTerm:
     drive: Drive | None = None
     text: str = ""  # impact on navigation, in words
     datasheet: Literal["", "often", "usual"] = ""  # frequency in datasheets
-    allan: str = ""  # its coefficient in an Allan deviation; see `insnav.lab.noise.noise_model`
+    allan: str = ""  # its coefficient in an Allan deviation; see `insnav.lab.noise.allan`
 
     @property
     def family(self) -> str:

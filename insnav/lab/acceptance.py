@@ -16,8 +16,7 @@ import numpy as np
 from insnav.exceptions import ConfigError, InputError
 from insnav.findings import Code, Finding
 from insnav.lab.bench_data import SI, BenchFile, BenchRecord, Channel
-from insnav.lab.calibration import about, few
-from insnav.lab.least_squares import linear_fit
+from insnav.lab.calibration import about, few, linear_fit
 from insnav.lab.noise.allan import AXES, chi_square_interval
 from insnav.lab.single_axis.rate_table import FEWEST, NAMES, RateTable, calibrate_rate_table
 from insnav.types import FloatArray

@@ -27,9 +27,19 @@ from insnav.exceptions import InputError
 from insnav.findings import Code, Finding
 from insnav.imu.model import REFERENCE_TEMPERATURE, ErrorTerms, ImuErrors, correct
 from insnav.lab.bench_data import BenchFile, DriftRecord
-from insnav.lab.least_squares import Fit, coverage_factor, linear_fit
-from insnav.lab.noise.allan import GAP, AllanDeviation, allan_deviation, chi_square_interval, covariance, freedom
-from insnav.lab.noise.noise_model import FEWEST_FREEDOM, NAMES, Weights, basis
+from insnav.lab.calibration import Fit, coverage_factor, linear_fit
+from insnav.lab.noise.allan import (
+    FEWEST_FREEDOM,
+    GAP,
+    NAMES,
+    AllanDeviation,
+    Weights,
+    allan_deviation,
+    basis,
+    chi_square_interval,
+    covariance,
+    freedom,
+)
 from insnav.types import FloatArray, ImuData, IntArray
 from insnav.units import DEG, G0
 

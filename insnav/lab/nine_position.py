@@ -26,8 +26,7 @@ from insnav.input.formats.table import Table
 from insnav.input.interpret.schema import schema
 from insnav.lab import calibration
 from insnav.lab.bench_data import BenchTable, Dwells, default_limit, dwell_warnings, read_bench, reduce_dwells
-from insnav.lab.calibration import BenchOptions, Calibration, CalibrationSd, measured
-from insnav.lab.least_squares import LEVEL, Fit, affine_fits, coverage_factor, linear_fit
+from insnav.lab.calibration import BenchOptions, Calibration, CalibrationSd, Fit
 from insnav.quantity import Quantity
 from insnav.types import FloatArray, IntArray
 from insnav.units import DEG, G0, UG
@@ -206,7 +205,9 @@ class NinePositions:
         `sd`: one of the standard deviations. `first_order`: include the allowance for second-order effects, as for the
         gyros.
         """
-        return sd * coverage_factor(self.dof, LEVEL) + (self.second_order if first_order else 0.0)
+        return sd * calibration.coverage_factor(self.dof, calibration.LEVEL) + (
+            self.second_order if first_order else 0.0
+        )
 
 
 def calibrate_nine(
@@ -221,7 +222,7 @@ def calibrate_nine(
     """
     warnings = check_positions(roll, pitch, where)
     force = ideal_force(roll, pitch, gravity)
-    fits = affine_fits(force, measured, [f"{where}, {sensor}" for sensor in SENSORS])
+    fits = calibration.affine_fits(force, calibration.measured, [f"{where}, {sensor}" for sensor in SENSORS])
     _refuse_exchanged(fits, where)
     dof = sum(fit.dof for fit in fits)
     sigma = float(np.sqrt(sum(np.sum(fit.residual**2) for fit in fits) / dof))
@@ -235,15 +236,15 @@ def calibrate_nine(
     gyro_rows = np.flatnonzero(np.abs(force).max(axis=1) <= (1.0 - OPPOSITE) * gravity)
 
     def estimate(values: FloatArray) -> FloatArray:
-        return _estimate(values.reshape(measured.shape), force, pairs, gyro_rows)
+        return _estimate(values.reshape(calibration.measured.shape), force, pairs, gyro_rows)
 
-    found = estimate(measured)
-    at, step = measured.ravel(), 1e-4 * gravity
+    found = estimate(calibration.measured)
+    at, step = calibration.measured.ravel(), 1e-4 * gravity
     slopes = [(estimate(at + shift) - estimate(at - shift)) / (2.0 * step) for shift in step * np.eye(at.size)]
     sd = sigma * np.linalg.norm(slopes, axis=0)
     raw_gyro = found[18:27].reshape(3, 3)
     gyro, gyro_sd = raw_gyro / np.diag(raw_gyro)[:, None], sd[27:36].reshape(3, 3)
-    free = measured - found[:6]
+    free = calibration.measured - found[:6]
     return NinePositions(
         bias=found[:6],
         bias_opposite=tuple(pairs[axis] is not None for axis in AXIS),
@@ -271,12 +272,12 @@ def _estimate(
 ) -> FloatArray:
     """Estimate biases, accelerometer triad, M_G, and M_G by rows of diagonal 1, in order."""
     design = np.column_stack((force, np.ones(len(force))))
-    bias = np.linalg.lstsq(design, measured, rcond=None)[0][3]
+    bias = np.linalg.lstsq(design, calibration.measured, rcond=None)[0][3]
     for sensor, axis in enumerate(AXIS):
         pair = pairs[axis]
         if pair is not None:
-            bias[sensor] = 0.5 * (measured[pair[0], sensor] + measured[pair[1], sensor])
-    free = measured - bias
+            bias[sensor] = 0.5 * (calibration.measured[pair[0], sensor] + calibration.measured[pair[1], sensor])
+    free = calibration.measured - bias
     correction = np.linalg.lstsq(free[:, TRIAD].mean(axis=2), force, rcond=None)[0].T  # M_A, L_A A_m^+
     measured_products = free[gyro_rows][:, MODULES].prod(axis=2)
     gyro = np.linalg.lstsq(measured_products, products(force)[gyro_rows], rcond=None)[0].T  # Omega_L Omega_m^+
@@ -337,7 +338,7 @@ def fit(record: NineRecord, how: BenchOptions) -> Calibration[NineRecord, NinePo
     force = ideal_force(roll, pitch, how.gravity)
     scale, zero = np.ones(6), np.zeros(6)
     if record.unit != "m/s^2":  # each raw output is first converted by its own line, then calibrated like any sensor
-        lines = affine_fits(force, output, [f"{table.name}, {sensor}" for sensor in SENSORS])
+        lines = calibration.affine_fits(force, output, [f"{table.name}, {sensor}" for sensor in SENSORS])
         scale = np.array([line.value[axis] for line, axis in zip(lines, AXIS, strict=True)])
         zero = np.array([line.value[3] for line in lines])
         if not np.abs(scale).min() > WEAKEST * np.abs(scale).max():
@@ -370,7 +371,7 @@ def _gyros_at_rest(force: FloatArray, rates: FloatArray, where: str) -> dict[str
     design = np.column_stack((np.ones(len(force)), force))
     names = ("bias", "g-sensitivity to x", "to y", "to z")
     return {
-        name: linear_fit(design, column, names, where=f"{where}, {name}")
+        name: calibration.linear_fit(design, column, names, where=f"{where}, {name}")
         for name, column in zip(GYROS, rates.T, strict=False)
     }
 
@@ -383,7 +384,7 @@ def _gyro_parameters(gyros: Mapping[str, Fit], unit: str) -> tuple[Quantity, ...
     for name, line in gyros.items():
         for (what, own, per), *row in zip(kinds, line.value, line.sd, line.half_width(), strict=True):
             value, *spread = (float(each) * per / factor for each in row)
-            items.append(measured(f"{name} {what}", value, own, *spread))
+            items.append(calibration.measured(f"{name} {what}", value, own, *spread))
     return tuple(items)
 
 
@@ -398,13 +399,13 @@ def _parameters(found: NinePositions, unit: str, zero: FloatArray, scale: FloatA
     shown, factor = ("mg", 1e3 * UG) if unit == "m/s^2" else (unit, 1.0)
     for sensor, z, k, *values in zip(SENSORS, zero, scale, found.bias, found.bias_sd, half, strict=True):
         bias, sd, width = (abs(k) * value / factor for value in values)
-        items.append(measured(f"{sensor} bias", z + np.sign(k) * bias, shown, sd, width))
+        items.append(calibration.measured(f"{sensor} bias", z + np.sign(k) * bias, shown, sd, width))
     if unit != "m/s^2":
         for sensor, axis, line, k in zip(SENSORS, AXIS, found.fits, scale, strict=True):
             value, *spread = (
                 G0 * float(each) for each in (k, *(abs(k) * e[axis] for e in (line.sd, line.half_width())))
             )
-            items.append(measured(f"{sensor} scale factor", value, f"{unit}/g", *spread))
+            items.append(calibration.measured(f"{sensor} scale factor", value, f"{unit}/g", *spread))
     half = found.half_width(found.accel_matrix_sd, first_order=False)
     own = [("accel", i, i) for i in range(3)]
     crossed = [(sensor, i, j) for sensor in ("accel", "gyro") for i in range(3) for j in range(3) if i != j]
@@ -416,5 +417,5 @@ def _parameters(found: NinePositions, unit: str, zero: FloatArray, scale: FloatA
     for sensor, i, j in (*own, *crossed):
         name, per, shown = ("scale factor error", 1e6, "ppm") if i == j else (f"senses {'xyz'[j]}", 1e3, "mrad")
         value, *spread = (per * float(matrix[i, j]) for matrix in of[sensor])
-        items.append(measured(f"{sensor} {'xyz'[i]} {name}", value, shown, *spread))
+        items.append(calibration.measured(f"{sensor} {'xyz'[i]} {name}", value, shown, *spread))
     return tuple(items)

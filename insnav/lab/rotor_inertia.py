@@ -19,9 +19,9 @@ from insnav.exceptions import ConfigError, InputError
 from insnav.findings import Code, Finding
 from insnav.input.formats.table import Table
 from insnav.input.interpret.schema import schema
+from insnav.lab import calibration
 from insnav.lab.bench_data import BenchTable, read_bench
-from insnav.lab.calibration import BenchOptions, Calibration, CalibrationSd, about, few, measured, outlier
-from insnav.lab.least_squares import Fit, coverage_factor, linear_fit, outliers
+from insnav.lab.calibration import BenchOptions, Calibration, CalibrationSd, Fit
 from insnav.types import FloatArray
 
 FALL, PRECESSION = schema("fall"), schema("precession")
@@ -99,9 +99,10 @@ def fit(
     )
     both, compared = (first, second), agreement(first, second)
     differ = Finding.of(Code.ROTOR_DISAGREE, difference_kg_m2=abs(compared.difference), limit_kg_m2=compared.limit)
-    warnings = (*about("fall", first.warnings), *about("precession", second.warnings))
+    warnings = (*calibration.about("fall", first.warnings), *calibration.about("precession", second.warnings))
     parameters = tuple(
-        measured(f"moment of inertia, {each.method}", each.value, "kg m^2", each.sd, each.half_width) for each in both
+        calibration.measured(f"moment of inertia, {each.method}", each.value, "kg m^2", each.sd, each.half_width)
+        for each in both
     )
     fits, found = {each.method: each.fit for each in both}, Inertias(first, second, compared)
     warnings = warnings if compared.agree else (differ, *warnings)
@@ -163,7 +164,7 @@ def inertia_from_precession(
     if relative > WORST:
         raise InputError("lab.precession_slope", where=where, slope=fit.value[0], slope_sd=fit.sd[0])
     warnings = _suspicions(fit, period, rate, Code.ROTOR_PRECESSION_ORIGIN)
-    half = value * relative * coverage_factor(fit.dof)
+    half = value * relative * calibration.coverage_factor(fit.dof)
     if powers is not None and np.any(np.abs(powers.value[1:] - [1.0, -1.0]) > powers.half_width(0.99)[1:]):
         (first, second), (first_sd, second_sd) = powers.value[1:], powers.sd[1:]
         warnings += (Finding.of(Code.ROTOR_POWERS, torque=first, torque_sd=first_sd, spin=second, spin_sd=second_sd),)
@@ -175,7 +176,7 @@ def _powers(period: FloatArray, rate: FloatArray, mass: FloatArray) -> Fit | Non
     if min(np.unique(mass).size, np.unique(rate).size) < 2 or period.size < 5:
         return None
     design = np.column_stack((np.ones_like(period), np.log(mass), np.log(rate)))
-    return linear_fit(design, -np.log(period), ("constant", "power of the torque", "power of the spin"))
+    return calibration.linear_fit(design, -np.log(period), ("constant", "power of the torque", "power of the spin"))
 
 
 def agreement(first: Inertia, second: Inertia) -> Agreement:
@@ -193,24 +194,24 @@ def agreement(first: Inertia, second: Inertia) -> Agreement:
         weights = np.array([first.sd, second.sd]) ** -2.0
         mean = float(weights @ [first.value, second.value] / weights.sum())
         mean_sd = float(weights.sum() ** -0.5)
-    return Agreement(difference, sd, sd * coverage_factor(dof), mean, mean_sd)
+    return Agreement(difference, sd, sd * calibration.coverage_factor(dof), mean, mean_sd)
 
 
 def _slope(x: FloatArray, y: FloatArray, where: str) -> Fit:
     if np.unique(x).size < 3:
         raise InputError("lab.few_values", where=where, count=np.unique(x).size)
-    return linear_fit(x[:, None], y, ("slope",), where=where)
+    return calibration.linear_fit(x[:, None], y, ("slope",), where=where)
 
 
 def _suspicions(fit: Fit, x: FloatArray, y: FloatArray, missed: Code) -> tuple[Finding, ...]:
     """Report a line that misses the origin, few points, or an outlier."""
     warnings: list[Finding] = []
     if x.size > 3:
-        free = linear_fit(np.column_stack((np.ones_like(x), x)), y, ("intercept", "slope"))
+        free = calibration.linear_fit(np.column_stack((np.ones_like(x), x)), y, ("intercept", "slope"))
         if abs(free.value[0]) > free.half_width(0.99)[0]:
             warnings.append(Finding.of(missed, intercept_sigma=abs(free.value[0]) / free.sd[0]))
-    warnings += few("measurements", x.size, USUAL)
-    return (*warnings, *(outlier(fit, row) for row in outliers(fit, x[:, None])))
+    warnings += calibration.few("measurements", x.size, USUAL)
+    return (*warnings, *(calibration.outlier(fit, row) for row in calibration.outliers(fit, x[:, None])))
 
 
 def _positive(where: str, **columns: FloatArray) -> None:

@@ -16,10 +16,9 @@ import numpy as np
 from insnav.alignment import find_stationary
 from insnav.deferred import library
 from insnav.engine import Workers, share_of
-from insnav.errors.evaluated_run import EvaluatedRun, fixed_epochs
+from insnav.errors.evaluated_run import EvaluatedRun, fixed_epochs, judged
 from insnav.errors.metrics import at_point
 from insnav.errors.outage.free_inertial import LENGTHS, WindowReference, reference_from_trajectory
-from insnav.errors.run_findings import judged
 from insnav.exceptions import AlignmentError, ConfigError, InputError, as_keywords
 from insnav.filter.agreement import without_rejected
 from insnav.filter.gps_noise import with_sd

@@ -240,7 +240,7 @@ def test_two_batches_do_not_share_a_folder(drives: Path, cli: Cli):
 
 def test_an_error_keeps_its_parts(drive: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     lost = Finding.of(Code.RUN_REJECTED, share=0.9, limit_share=0.5)
-    monkeypatch.setattr("insnav.errors.run_findings.failure", lambda _: lost)
+    monkeypatch.setattr("insnav.errors.evaluated_run.failure", lambda _: lost)
     out = tmp_path / "lost"
     files = str(drive / "imu.csv"), "--gps", str(drive / "gps.csv"), "--out", str(out)
     with pytest.raises(CheckError, match=r"cli.unusable") as raised:

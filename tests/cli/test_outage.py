@@ -36,7 +36,7 @@ def test_folder_and_table(drive: Path, cli: Cli):
 @pytest.mark.parametrize("command", ["outage", "budget"])
 def test_a_lost_filter_ends_with_the_exit_code_of_run(command: str, drive: Path, cli: Cli, monkeypatch):
     lost = Finding.of(Code.RUN_REJECTED, share=0.9, limit_share=0.5)
-    for place in ("run_findings", "budget.from_windows"):
+    for place in ("evaluated_run", "budget.from_windows"):
         monkeypatch.setattr(f"insnav.errors.{place}.failure", lambda _: lost)
     own = {"outage": QUICK[-4:], "budget": ("--times", "10", "--replicas", "0")}
     shown = cli(command, *QUICK[1:-4], *own[command], "--engine", "1")

@@ -14,8 +14,7 @@ import insnav
 from insnav.attitude import dcm_from_quat, quat_from_dcm, skew
 from insnav.earth import OMEGA_EARTH, lla_offset, ned_offset
 from insnav.errors.ensemble import normalised
-from insnav.errors.evaluated_run import EvaluatedRun
-from insnav.errors.run_findings import run_warnings
+from insnav.errors.evaluated_run import EvaluatedRun, run_warnings
 from insnav.exceptions import InputError
 from insnav.filter import FilterSettings, delay_and_lever, error_model
 from insnav.filter.delay_and_lever import Found, delay_of, filtered, on_time, scale_of

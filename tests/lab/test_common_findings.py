@@ -6,10 +6,9 @@ import numpy as np
 
 from insnav.findings import Code, of_code
 from insnav.lab.bench_data import dwell_warnings, reduce_dwells
-from insnav.lab.calibration import about, badly_conditioned, few
-from insnav.lab.least_squares import linear_fit
+from insnav.lab.calibration import about, badly_conditioned, few, linear_fit
 from insnav.lab.noise.static_noise import static_noise
-from insnav.lab.rate_sweep.records import check_rates
+from insnav.lab.rate_sweep import check_rates
 from insnav.messages import catalogue, language, sentence
 from insnav.types import ImuData
 from insnav.units import DEG

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from insnav.exceptions import InputError
-from insnav.lab.least_squares import coverage_factor, linear_fit, outliers
+from insnav.lab.calibration import coverage_factor, linear_fit, outliers
 from tests.refusals import refused
 
 X = np.linspace(-3.0, 5.0, 9)

@@ -8,8 +8,7 @@ import pytest
 from insnav.findings import Code, of_code
 from insnav.imu import ImuSpec, SensorSpec, load_imu, to_toml
 from insnav.input import read_imu
-from insnav.lab.noise.allan import AXES, allan_deviation, averaging_factors
-from insnav.lab.noise.noise_model import NAMES, basis, fit_noise
+from insnav.lab.noise.allan import AXES, NAMES, allan_deviation, averaging_factors, basis, fit_noise
 from insnav.lab.noise.static_noise import PEAK, PEAK_TIME, static_noise, temperature_correlation
 from insnav.simulate.sensor_errors import corrupt_imu
 from insnav.types import ImuData

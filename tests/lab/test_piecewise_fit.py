@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from insnav.lab.rate_sweep.method import FEWEST_POINTS, MOST, fit_pieces
+from insnav.lab.rate_sweep import FEWEST_POINTS, MOST, fit_pieces
 
 X = np.arange(-300.0, 301.0, 10.0)
 KNOTS, VALUES = np.array([-300.0, -150.0, -40.0, 90.0, 300.0]), np.array([-0.8, 0.1, -0.1, 0.3, -0.5])

@@ -12,8 +12,7 @@ import pytest
 from insnav.exceptions import ConfigError, InputError
 from insnav.findings import Code, of_code
 from insnav.imu import calibration_to_toml, correct, load_calibration
-from insnav.lab.rate_sweep.method import SweepCalibration, calibrate_sweeps, sweep_errors
-from insnav.lab.rate_sweep.records import read_sweeps
+from insnav.lab.rate_sweep import SweepCalibration, calibrate_sweeps, read_sweeps, sweep_errors
 from insnav.sample_statistics import rms
 from insnav.types import ImuData
 from insnav.units import DEG

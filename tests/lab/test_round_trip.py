@@ -8,10 +8,9 @@ import numpy as np
 import pytest
 
 from insnav.imu import ImuErrors, calibration_to_toml, correct, load_calibration
-from insnav.lab.calibration import BenchOptions, CalibrationSd, carried_over
-from insnav.lab.least_squares import coverage_factor
+from insnav.lab.calibration import BenchOptions, CalibrationSd, carried_over, coverage_factor
 from insnav.lab.nine_position import calibrate_nine
-from insnav.lab.rate_sweep.method import calibrate_sweeps, sweep_errors
+from insnav.lab.rate_sweep import calibrate_sweeps, sweep_errors
 from insnav.lab.single_axis import rate_table as gyro_method
 from insnav.lab.single_axis import tumble as accel_method
 from insnav.lab.single_axis.rate_table import read_record

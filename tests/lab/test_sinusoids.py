@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from insnav.findings import Code, of_code
-from insnav.lab.noise.allan import allan_deviation
-from insnav.lab.noise.noise_model import Sinusoid, find_sinusoids
+from insnav.lab.noise.allan import Sinusoid, allan_deviation, find_sinusoids
 from insnav.lab.noise.static_noise import signal_noise, static_noise
 from insnav.session.bench import allan
 from insnav.types import ImuData

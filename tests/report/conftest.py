@@ -5,9 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from insnav.errors.evaluated_run import EvaluatedRun
+from insnav.errors.evaluated_run import EvaluatedRun, judged
 from insnav.errors.metrics import position_errors
-from insnav.errors.run_findings import judged
 from insnav.findings import Code, Finding, Severity
 from insnav.imu import load_imu
 from insnav.input.readers.reading import ReadingFacts

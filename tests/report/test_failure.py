@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from insnav.errors.run_findings import failure
+from insnav.errors.evaluated_run import failure
 from insnav.findings import Code, Finding, Severity
 from tests.faults.conftest import healthy
 

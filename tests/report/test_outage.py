@@ -9,9 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from insnav.errors.evaluated_run import EvaluatedRun
+from insnav.errors.evaluated_run import EvaluatedRun, judged
 from insnav.errors.outage.gnss_outage import OutageStudy, outage_growth
-from insnav.errors.run_findings import judged
 from insnav.findings import Code, Finding, Severity
 from insnav.messages import phrase, render, sentence
 from insnav.report.page import Page, section_tables

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from insnav.errors.run_findings import judged
+from insnav.errors.evaluated_run import judged
 from insnav.findings import Code, Finding, Severity, is_shown
 from insnav.imu import load_imu
 from insnav.messages import sentence

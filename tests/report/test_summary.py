@@ -8,9 +8,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from insnav.errors.evaluated_run import EvaluatedRun
+from insnav.errors.evaluated_run import EvaluatedRun, judged, run_warnings
 from insnav.errors.metrics import position_errors
-from insnav.errors.run_findings import judged, run_warnings
 from insnav.filter.noise_estimate import NoiseFigure
 from insnav.findings import Code, Finding, Severity
 from insnav.imu import load_imu

@@ -10,8 +10,7 @@ import numpy as np
 import pytest
 
 import insnav
-from insnav.errors.evaluated_run import _held
-from insnav.errors.run_findings import run_warnings
+from insnav.errors.evaluated_run import _held, run_warnings
 from insnav.exceptions import InputError
 from insnav.filter.agreement import look_at_fixes
 from insnav.findings import Code, Finding, Severity, of_code

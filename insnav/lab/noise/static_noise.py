@@ -27,14 +27,20 @@ from insnav.imu.specification import ImuSpec, SensorSpec
 from insnav.lab.calibration import about, warming
 from insnav.lab.noise.allan import (
     AXES,
+    B_FACTOR,
+    SEEN,
     AllanDeviation,
     EvenRecord,
+    NoiseModel,
+    Sinusoid,
     allan_deviation,
     averaging_factors,
+    evaluated,
     even_record,
+    find_sinusoids,
+    fit_noise,
     smallest_step,
 )
-from insnav.lab.noise.noise_model import B_FACTOR, SEEN, NoiseModel, Sinusoid, evaluated, find_sinusoids, fit_noise
 from insnav.types import BoolArray, FloatArray, ImuData
 from insnav.units import DEG
 

@@ -26,8 +26,7 @@ from insnav.input.formats.table import Table
 from insnav.input.interpret.schema import Quantity, schema
 from insnav.lab import calibration
 from insnav.lab.bench_data import BenchTable, Dwells, default_limit, dwell_warnings, read_bench, reduce_dwells
-from insnav.lab.calibration import BenchOptions, Calibration, CalibrationSd
-from insnav.lab.least_squares import Fit, coverage_factor, linear_fit
+from insnav.lab.calibration import BenchOptions, Calibration, CalibrationSd, Fit, coverage_factor, linear_fit
 from insnav.types import BoolArray, FloatArray, IntArray
 from insnav.units import DEG, UNITS
 

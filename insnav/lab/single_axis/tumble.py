@@ -1,13 +1,15 @@
-"""Tumble test of an accelerometer in gravity: bias, scale factor, second-order term and cross-coupling.
+"""Accelerometers in gravity: tumble test of one at a time, and means of a triad in known positions.
 
-U = K0 + K1 ai + K2 ai^2 + K3 ai ao with ai = sin(theta) along and ao = cos(theta) across the input axis, in units of
-local gravity. This is the model of IEEE Std 1293, section on the multipoint tumble test, without third-order terms.
+Tumble test: U = K0 + K1 ai + K2 ai^2 + K3 ai ao with ai = sin(theta) along and ao = cos(theta) across the input axis,
+in units of local gravity. This is the model of IEEE Std 1293, section on the multipoint tumble test, without terms of
+third order. Positions: ``f_measured = B f + b`` by least squares; six faces suffice (D. Titterton and J. Weston,
+"Strapdown Inertial Navigation Technology", section 8.3.2; IEEE Std 1293).
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -15,21 +17,93 @@ import numpy as np
 
 from insnav.exceptions import InputError
 from insnav.findings import Finding
+from insnav.imu.model import ImuErrors, RawScale
+from insnav.input.formats.registry import open_table
 from insnav.input.formats.table import Table
+from insnav.input.interpret.columns import understand
 from insnav.input.interpret.schema import schema
-from insnav.lab.calibration import BenchOptions, Calibration, few, outlier
-from insnav.lab.least_squares import Fit, linear_fit, outliers
-from insnav.lab.single_axis.positions import Positions, fit_positions, holds_positions, read_positions
+from insnav.lab import calibration
+from insnav.lab.bench_data import BenchTable, read_bench
+from insnav.lab.calibration import BenchOptions, Calibration, CalibrationSd, Fit
 from insnav.lab.single_axis.rate_table import Record, read_records, refuse_unit, triad_calibration
 from insnav.types import FloatArray, IntArray
-from insnav.units import DEG, G0
+from insnav.units import DEG, G0, UNITS
 
+POSITIONS = schema("positions")
+_TRUE, _OUTPUTS = (tuple(f"{name}_{axis}" for axis in "xyz") for name in ("force", "output"))
 NAMES = ("bias K0", "scale factor K1", "second order K2", "cross-coupling K3")
 FEWEST = 6  # positions: four unknowns, and redundancy for their uncertainty
 USUAL = 12
 HIGHEST = 4  # order of the harmonics
 EVEN = 0.25  # largest deviation from even spacing, relative to it
 SCHEMA = schema("tumble")
+
+
+@dataclass(frozen=True, slots=True)
+class Positions:
+    """Mean outputs of three accelerometers in known positions."""
+
+    table: BenchTable  # as read
+    force: FloatArray  # (n, 3) true specific force [m/s^2]
+    output: FloatArray  # (n, 3) in SI units, or in volts or counts
+    unit: str  # of the outputs in the file
+
+    @property
+    def raw(self) -> bool:
+        """True if the outputs are in volts or counts."""
+        return UNITS[self.unit][0] == "signal"
+
+
+def holds_positions(file: str | Path | Table) -> bool:
+    """Return whether a table has true and measured components along x, y, z."""
+    table = open_table(file)
+    found, _ = understand(table.headers, table.units, POSITIONS, where=table.name)
+    return {*_TRUE} <= found.keys() and any(key.startswith(("output", "raw")) for key in found)
+
+
+def read_positions(file: str | Path | Table, how: BenchOptions) -> Positions:
+    """Read the positions.
+
+    Raises: InputError: a column is missing, or the outputs have different units.
+    """
+    raw_too = {key: key.replace("output", "raw") for key in _OUTPUTS}
+    table = read_bench(file, POSITIONS, (*_TRUE, *_OUTPUTS), columns=how.columns, alternatives=raw_too)
+    keys = [key if key in table.columns else raw_too[key] for key in _OUTPUTS]
+    unit = calibration.common_unit([(key.replace("_", " "), table.units[key]) for key in keys])
+    local = how.gravity / G0 if table.units["force_x"] == "g" else 1.0
+    return Positions(table, table.stack(*_TRUE) * local, table.stack(*keys), unit)
+
+
+def fit_positions(record: Positions, how: BenchOptions) -> Calibration[tuple[Positions], tuple[Fit, ...]]:
+    """Fit matrix and bias.
+
+    Raises: InputError: too few positions, or outputs in another unit than their columns state.
+    """
+    where, raw = record.table.name, record.raw
+    found = calibration.affine_fits(
+        record.force, record.output, tuple(f"{where}, accelerometer {axis}" for axis in "xyz")
+    )
+    matrix, matrix_sd = (np.array([getattr(fit, key)[:3] for fit in found]) for key in ("value", "sd"))
+    bias, bias_sd = (np.array([getattr(fit, key)[3] for fit in found]) for key in ("value", "sd"))
+    scale = np.diag(matrix).copy()
+    if not raw and (wrong := np.abs(scale - 1.0) > calibration.WRONG_UNIT).any():
+        worst = float(scale[wrong][0])
+        code = "lab.output_reversed" if worst < 0.0 else "lab.output_unit"
+        raise InputError(code, where=where, scale=worst, unit=record.unit)
+    size = np.abs(scale) if raw else np.ones(3)
+    given: dict[str, Any] = {"accel_matrix": matrix / scale[:, None] if raw else matrix}
+    given |= {"accel_raw": RawScale(record.unit, bias, scale)} if raw else {"accel_bias": bias}
+    spread = CalibrationSd(accel_bias=bias_sd / size, accel_matrix=matrix_sd / size[:, None])
+    names = (*(f"sensitivity to {axis}" for axis in "xyz"), "bias")
+    found = tuple(replace(fit, names=names) for fit in found)
+    fits = {f"accelerometer {axis}": fit for axis, fit in zip("xyz", found, strict=True)}
+    unit = record.unit if raw else "m/s^2"
+    units = [*[f"{unit}/(m/s^2)" if raw else ""] * 3, unit]
+    parameters = tuple(each for name, fit in fits.items() for each in calibration.fitted(fit, units, name))
+    errors = ImuErrors(**given, name=how.name)
+    return Calibration(
+        "accel", errors, spread, parameters, fits, (record,), found, how, calibration.badly_conditioned(fits)
+    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,10 +126,10 @@ def calibrate_tumble(angle: FloatArray, output: FloatArray, *, where: str = "") 
     _refuse_uneven(angle, where)
     along, across = np.sin(angle), np.cos(angle)
     design = np.column_stack((np.ones_like(angle), along, along**2, along * across))
-    fit = linear_fit(design, output, NAMES, where=where)
+    fit = calibration.linear_fit(design, output, NAMES, where=where)
     if abs(fit.value[1]) < 5.0 * fit.sd[1]:
         raise InputError("lab.gravity_ignored", where=where, scale=fit.value[1], scale_sd=fit.sd[1])
-    return Tumble(angle, output, fit, outliers(fit, design))
+    return Tumble(angle, output, fit, calibration.outliers(fit, design))
 
 
 @dataclass(frozen=True, slots=True)
@@ -147,5 +221,5 @@ def calibrate_accel(record: Record) -> Tumble:
 
 def tumble_warnings(found: Tumble) -> tuple[Finding, ...]:
     """Report problems of a usable tumble test."""
-    suspicious = (outlier(found.fit, row, angle_rad=float(found.angle[row])) for row in found.suspicious)
-    return (*few("positions", found.angle.size, USUAL), *suspicious)
+    suspicious = (calibration.outlier(found.fit, row, angle_rad=float(found.angle[row])) for row in found.suspicious)
+    return (*calibration.few("positions", found.angle.size, USUAL), *suspicious)

@@ -8,7 +8,7 @@ import numpy as np
 
 from insnav.lab.acceptance import BENCH_UNIT, Acceptance, Accepted, Spread, Stability
 from insnav.lab.bench_data import SI
-from insnav.lab.least_squares import Fit
+from insnav.lab.calibration import Fit
 from insnav.lab.single_axis.rate_table import Dropped
 from insnav.messages import phrase, sentence
 from insnav.quantity import Quantity

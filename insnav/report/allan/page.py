@@ -10,8 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from insnav.imu import to_kalibr, to_toml
-from insnav.lab.noise.allan import AXES, AllanDeviation
-from insnav.lab.noise.noise_model import NoiseModel
+from insnav.lab.noise.allan import AXES, AllanDeviation, NoiseModel
 from insnav.lab.noise.static_noise import KEYS, SignalNoise, StaticNoise
 from insnav.messages import phrase
 from insnav.output.data_files import csv_text

@@ -10,8 +10,7 @@ import numpy as np
 
 from insnav.imu.model import ImuErrors
 from insnav.lab.bench_data import BenchFile, BenchTable
-from insnav.lab.calibration import Calibration, measured
-from insnav.lab.least_squares import Fit
+from insnav.lab.calibration import Calibration, Fit, measured
 from insnav.lab.single_axis.rate_table import RateTable
 from insnav.quantity import Quantity
 from insnav.report.page import Section, of_table

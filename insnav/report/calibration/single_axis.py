@@ -9,14 +9,11 @@ import numpy as np
 
 from insnav.findings import Code, of_code
 from insnav.lab.bench_data import BenchTable
-from insnav.lab.calibration import Calibration, fitted, measured
-from insnav.lab.least_squares import Fit
-from insnav.lab.rate_sweep.method import SweepCalibration
-from insnav.lab.rate_sweep.records import SweepRecord
+from insnav.lab.calibration import Calibration, Fit, fitted, measured
+from insnav.lab.rate_sweep import SweepCalibration, SweepRecord
 from insnav.lab.rotor_inertia import Inertia, Inertias
-from insnav.lab.single_axis.positions import Positions
 from insnav.lab.single_axis.rate_table import RateTable, Record
-from insnav.lab.single_axis.tumble import Tumble, harmonics
+from insnav.lab.single_axis.tumble import Positions, Tumble, harmonics
 from insnav.messages import phrase, sentence
 from insnav.quantity import Quantity
 from insnav.report.calibration.common import Series, corrected_section, impact_section, quality_section, residual_panels

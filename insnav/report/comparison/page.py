@@ -9,8 +9,8 @@ from functools import reduce
 import numpy as np
 
 from insnav.earth import ned_offset
+from insnav.errors.evaluated_run import overconfident
 from insnav.errors.metrics import Compared, Comparison, accuracy, nees
-from insnav.errors.run_findings import overconfident
 from insnav.findings import Finding
 from insnav.messages import phrase, sentence, translated
 from insnav.output.data_files import write_table

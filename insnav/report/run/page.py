@@ -14,10 +14,9 @@ from typing import Any
 import numpy as np
 
 from insnav.deferred import library
-from insnav.errors.evaluated_run import EvaluatedRun, outages
+from insnav.errors.evaluated_run import HOLDS, EvaluatedRun, outages
 from insnav.errors.metrics import TrajectoryErrors, nees, travelled
 from insnav.errors.reference_check import fixes_are_late, known_delay
-from insnav.errors.run_findings import HOLDS
 from insnav.exceptions import InputError
 from insnav.filter.gps_noise import heights_measured
 from insnav.findings import CORRECTIONS, OF_RESULTS, Code, Finding, Severity, by_time, is_shown, of_code

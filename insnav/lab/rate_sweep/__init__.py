@@ -1,1 +1,0 @@
-"""Three gyros swept over rates about each axis."""
