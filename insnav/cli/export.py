@@ -5,8 +5,6 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated, Literal, get_args
 
-import numpy as np
-
 from insnav.cli import parse
 from insnav.cli.console import note, result
 from insnav.cli.options import RESULT, EpochsFile, Force, Point, argument, flag, option
@@ -38,6 +36,8 @@ def export(
     force: Force = False,
 ) -> None:
     """Write a run in another format."""
+    import numpy as np
+
     from insnav.input.readers.epochs import read_epochs
     from insnav.messages import sentence
     from insnav.report.terminal import entry
