@@ -55,11 +55,10 @@ if TYPE_CHECKING:
     from insnav.library import sample_drive
     from insnav.regression.regress import regress
     from insnav.result import Result, open_result
-    from insnav.session.bench import acceptance, allan, calibrate, drift
+    from insnav.session.bench import acceptance, allan, calibrate, drift, imus
     from insnav.session.check import check
     from insnav.session.comparison import compare
     from insnav.session.drive import Drive, align, load
-    from insnav.session.imus import imus
     from insnav.session.online import OnlineFilter, OnlineState
     from insnav.session.platform_run import platform
     from insnav.session.requirement import require
@@ -79,11 +78,10 @@ _NAMES = {
     "insnav.library": "sample_drive",
     "insnav.regression.regress": "regress",
     "insnav.result": "Result open_result",
-    "insnav.session.bench": "acceptance allan calibrate drift",
+    "insnav.session.bench": "acceptance allan calibrate drift imus",
     "insnav.session.check": "check",
     "insnav.session.comparison": "compare",
     "insnav.session.drive": "Drive align load",
-    "insnav.session.imus": "imus",
     "insnav.session.online": "OnlineFilter OnlineState",
     "insnav.session.platform_run": "platform",
     "insnav.session.requirement": "require",

@@ -21,11 +21,10 @@ from insnav.exceptions import ConfigError, InputError
 from insnav.kernels import alignment as _alignment
 from insnav.kernels import increments as _increments
 from insnav.kernels import mechanization as _mechanization
-from insnav.kernels import simple_integrators as _study
 from insnav.types import BoolArray, FloatArray, ImuData, Increments, IntArray, Trajectory
 
 Method = Literal["polynomial", "rk4", "rotvec", "euler"]
-_STUDY = {"euler": _study.EULER, "rotvec": _study.ROTVEC, "rk4": _study.RK4}
+_STUDY = {"euler": _mechanization.EULER, "rotvec": _mechanization.ROTVEC, "rk4": _mechanization.RK4}
 
 BESIDE = 16  # samples on either side that affect an interval
 TIME_TOLERANCE = 1e-6  # times closer than this are equal [s]
@@ -268,7 +267,7 @@ def _plain_increments(
             known=("polynomial", *_STUDY),
         )
     out = tuple(np.empty_like(parts.gyro) for _ in range(4))
-    _study.increments(_STUDY[method], parts.instant, parts.dt, parts.gyro, parts.accel, *out)
+    _mechanization.increments(_STUDY[method], parts.instant, parts.dt, parts.gyro, parts.accel, *out)
     return Increments(parts.end, parts.dt, *out)
 
 
@@ -355,6 +354,6 @@ def navigate_short(
     """
     x = np.concatenate([lla, v_n, quat_from_rph(rph)])
     out = np.empty((inc.time.shape[0] // every, 10))
-    _study.navigate(x, turning, inc.dt, inc.dtheta, inc.dvel, inc.coning, every, out)
+    _mechanization.navigate(x, turning, inc.dt, inc.dtheta, inc.dvel, inc.coning, every, out)
     time = inc.time[every - 1 :: every][: out.shape[0]]
     return Trajectory(time, out[:, :3], out[:, 3:6], rph_from_quat(out[:, 6:]))

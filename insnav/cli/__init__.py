@@ -18,7 +18,7 @@ from typer.main import get_command
 from insnav.cli import console
 from insnav.cli.console import discard_output, error_block, result
 from insnav.cli.help import GroupedCommand, LightGroup, help_of
-from insnav.cli.parse import usage_error
+from insnav.cli.options import usage_error
 from insnav.exceptions import ConfigError, InputError, InsnavError
 from insnav.messages import translated
 from insnav.plain_text import in_columns

@@ -11,10 +11,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from insnav.cli import console, parse
+from insnav.cli import console
 from insnav.cli.console import Stages, note, quiet_figures, result_page
 from insnav.cli.data_options import check_usable
-from insnav.cli.options import RESULT, Engine, Json, Out, argument, flag
+from insnav.cli.options import RESULT, Engine, Json, Out, argument, flag, usage_error
 from insnav.exceptions import ConfigError, InsnavError, OutputError
 
 if TYPE_CHECKING:
@@ -157,4 +157,4 @@ def _parsed(arguments: list[str], where: str) -> None:
     except Exception as error:
         if not hasattr(error, "format_message"):
             raise
-        raise ConfigError("cli.run_options", where=where, cause=parse.usage_error(error)) from None
+        raise ConfigError("cli.run_options", where=where, cause=usage_error(error)) from None

@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, cast
 import typer
 
 from insnav.cli import options as common
-from insnav.cli import parse
 from insnav.cli.console import brief_text, note, note_warnings, result, result_page, working, write_result
 from insnav.cli.data_options import READING, Data, say_reading, takes_data
 from insnav.cli.help import GroupedCommand, LightGroup, help_of
@@ -46,8 +45,8 @@ def acceptance(
     as_json: Json = False,
 ) -> None:
     """Compute acceptance figures."""
-    times = parse.positive_numbers(lengths, "--lengths", "1,10,100")
-    named = parse.columns(columns, "--columns")
+    times = common.positive_numbers(lengths, "--lengths", "1,10,100")
+    named = common.columns(columns, "--columns")
     with working(out, force) as (folder, stage):
         stage("reading")
         from insnav.session.bench import acceptance as accepted
@@ -72,8 +71,8 @@ def allan(
     as_json: Json = False,
 ) -> None:
     """Analyse the noise of a static record."""
-    wanted: Any = taus if taus in ("log", "octave") else parse.positive_numbers(taus, "--taus", "0.1,1,10")
-    span = parse.span(static, "--static") if static else None
+    wanted: Any = taus if taus in ("log", "octave") else common.positive_numbers(taus, "--taus", "0.1,1,10")
+    span = common.span(static, "--static") if static else None
     with working(out, force) as (folder, stage):
         given = replace(data, inputs=cast(Inputs, {**data.inputs, "rate": rate}))
         source: Any = data.imu if column else given.read_imu(stage, bench="noise")
@@ -143,7 +142,7 @@ def gyro(
     **how: Any,
 ) -> None:
     """Calibrate gyros on a rate table."""
-    _calibrate("gyro", {"files": files, "keep": parse.span(keep, "--range") if keep else None, **how})
+    _calibrate("gyro", {"files": files, "keep": common.span(keep, "--range") if keep else None, **how})
 
 
 @_command("accel", "columns", "gravity", "spike_limit", "add", "name")
@@ -162,7 +161,7 @@ def imu(
     **how: Any,
 ) -> None:
     """Calibrate three gyros by sweeps."""
-    pieces = parse.named_numbers(intercepts, "--intercept", "-0.01")
+    pieces = common.named_numbers(intercepts, "--intercept", "-0.01")
     _calibrate("imu", {"files": files, "intercepts": pieces, **how})
 
 
@@ -202,7 +201,7 @@ def poses(
     from insnav.session.bench import bench_gravity
 
     assert data.imu is not None
-    parse.finite(height, "--height", largest=1e5)
+    common.finite(height, "--height", largest=1e5)
     g, source = bench_gravity(gravity, lat, height)
 
     def opened(reading: Reading[ImuData]) -> None:
@@ -237,7 +236,7 @@ def _calibrate(method: str, how: dict[str, Any]) -> None:
     """
     files, out, as_json = (how.pop(name) for name in ("files", "out", "as_json"))
     if isinstance(how.get("columns"), str):
-        how["columns"] = parse.columns(how["columns"], "--columns")
+        how["columns"] = common.columns(how["columns"], "--columns")
     with working(out, how.pop("force")) as (folder, stage):
         stage("loading")
         from insnav.session.bench import calibrate
@@ -262,7 +261,7 @@ def drift(
         stage("reading")
         from insnav.session.bench import drift as studied
 
-        outcome = studied(file, columns=parse.columns(columns, "--columns"))
+        outcome = studied(file, columns=common.columns(columns, "--columns"))
         note_warnings(outcome)
         where = write_result(outcome, folder, stage, figures="png")
     result_page(where, outcome.page(), out, as_json=as_json, more=("calibration.toml", "rates.csv"))
@@ -274,7 +273,7 @@ def imus(
 ) -> None:
     """List real IMUs, or show one."""
     from insnav.report.save import facts_of
-    from insnav.session.imus import imus as listed
+    from insnav.session.bench import imus as listed
 
     found = listed(name)
     result(json.dumps(facts_of(found), indent=2, ensure_ascii=False) if as_json else brief_text(found))
@@ -334,7 +333,7 @@ def platform(
     as_json: Json = False,
 ) -> None:
     """Integrate the specific force on a platform."""
-    configuration = parse.configuration(locals())
+    configuration = common.configuration(locals())
 
     if demo:
         defaults = inspect.signature(platform).parameters
@@ -349,10 +348,10 @@ def platform(
         raise ConfigError("cli.missing", missing=tuple(missing))
     else:
         start = lat * DEG, lon * DEG, height, (v_north, v_east, -v_up + 0.0)
-    tilt = DEG * parse.numbers(misalignment, "--misalignment", 3, "0.01,0,0.1")
-    drift = DEG_PER_H * parse.numbers(gyro_drift, "--gyro-drift", 3, "0.01,0.01,0.01")
-    bias = UG * parse.numbers(accel_bias, "--accel-bias", 3, "50,50,0")
-    interval = parse.interval(rate)
+    tilt = DEG * common.numbers(misalignment, "--misalignment", 3, "0.01,0,0.1")
+    drift = DEG_PER_H * common.numbers(gyro_drift, "--gyro-drift", 3, "0.01,0.01,0.01")
+    bias = UG * common.numbers(accel_bias, "--accel-bias", 3, "50,50,0")
+    interval = common.interval(rate)
     if (vertical == "damped") != (height_input is not None):
         raise ConfigError("cli.damped_needs_heights", where="--vertical")
     with working(out, force) as (folder, stage):
@@ -369,7 +368,7 @@ def platform(
             errors = {"tilt": tilt, "drift": drift, "bias": bias}
             how: dict[str, Any] = {"errors": errors, "integrator": integrator, "vertical": vertical}
             how |= {"gravity": gravity, "interval": interval, "heights": height_input, "ref": ref, "axes": axes}
-            how |= {"columns": parse.columns(columns, "--columns"), "sample_rate": sample_rate, "opened": say_reading}
+            how |= {"columns": common.columns(columns, "--columns"), "sample_rate": sample_rate, "opened": say_reading}
             outcome = replace(platform_run.platform(force_file, *start, **how), options=configuration)
         where = write_result(outcome, folder, stage, figures="png")
     result_page(where, outcome.page(), out, as_json=as_json, more=("solution.csv", "torquing.csv"))

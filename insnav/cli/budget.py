@@ -7,7 +7,7 @@ from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from insnav.cli import parse
+from insnav.cli import options as common
 from insnav.cli.console import note, result_page, working
 from insnav.cli.data_options import Data, check_usable, takes_data
 from insnav.cli.options import IMU, MOTION, RESULT, Engine, Force, Json, Out, Profile, Seed, flag, option
@@ -84,13 +84,13 @@ def budget(
     if data.imu is None and (data.gps is not None or data.ref is not None or uncalibrated):
         raise ConfigError("cli.fixes_without_drive", where="DRIVE")
     place = {"lat": data.inputs.get("lat"), "heading": data.inputs.get("heading"), "gravity": gravity}
-    rest = {name: parse.finite(value, f"--{name}") for name, value in place.items() if value is not None}
+    rest = {name: common.finite(value, f"--{name}") for name, value in place.items() if value is not None}
     if data.imu is not None and {"lat", "gravity"} & rest.keys():
         raise ConfigError("cli.drive_has_place", where="--lat, --gravity")
     if abs(rest.get("lat", 0.0)) > 0.5 * math.pi:
         raise ConfigError("cli.bad_latitude", where="--lat")
     if end is not None:
-        _explain(data, end, max(parse.positive_numbers(times, "--times")), rest, (out, force, as_json))
+        _explain(data, end, max(common.positive_numbers(times, "--times")), rest, (out, force, as_json))
         return
     if data.imu is None and imu is None:
         raise ConfigError("cli.no_imu", where="--imu")
@@ -98,10 +98,10 @@ def budget(
         raise ConfigError("cli.few_runs", where="--runs")
     for value, name in ((first, "--first"), (spacing, "--spacing"), (begin, "--begin")):
         if value is not None:
-            parse.finite(value, name, largest=1e6)
-    wanted = parse.positive_numbers(times, "--times")
+            common.finite(value, name, largest=1e6)
+    wanted = common.positive_numbers(times, "--times")
     hold = None if height is None else height == "held"
-    slope = parse.not_negative(deflection, "--deflection", largest=3600.0) * UNITS["arcsec"][1]
+    slope = common.not_negative(deflection, "--deflection", largest=3600.0) * UNITS["arcsec"][1]
     with working(out, force) as (folder, stage):
         from insnav.session.budget import BudgetSettings, budget_of_motion, motion_of
 
@@ -133,7 +133,7 @@ def _explain(data: Data, end: str, time: float, rest: dict[str, float], how: tup
     """Explain the error at the end of a run."""
     if (end == "run") != (data.imu is not None):
         raise ConfigError("cli.end_of_run", where="--end")
-    given = None if end == "run" else parse.numbers(end, "--end", 4, "-2.668,-8.231,-0.0803,-0.2754")
+    given = None if end == "run" else common.numbers(end, "--end", 4, "-2.668,-8.231,-0.0803,-0.2754")
     stated: Any = data.inputs.get("ref_sd")
     sd = (0.1, 0.005) if stated is None else tuple(stated)
     if len(sd) != 2:

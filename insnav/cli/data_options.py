@@ -14,7 +14,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, cast
 
-from insnav.cli import console, parse
+from insnav.cli import console
+from insnav.cli import options as common
 from insnav.cli.console import Stages, detail, note, write_result
 from insnav.cli.options import FILES, argument, option
 from insnav.deferred import library
@@ -144,7 +145,7 @@ def takes_data(
             if (second := options.pop("gps_file", None)) is not None:
                 options["imu_file"], options["gps"] = _told_apart(options["imu_file"], second, options["gps"])
             imu, gps, ref = (options.get(name) for name in ("imu_file", "gps", "ref"))
-            data = Data(imu, gps, ref, cast(Inputs, inputs), parse.configuration(options))
+            data = Data(imu, gps, ref, cast(Inputs, inputs), common.configuration(options))
             try:
                 function(data, **{each.name: options[each.name] for each in own})
             except OutputError:
@@ -205,10 +206,10 @@ def _name(what: Input) -> str:
 
 
 _READ: dict[str, Callable[[str, str], Any]] = {
-    "vector": parse.vector,
-    "numbers": parse.positive_numbers,
-    "span": parse.span,
-    "columns": parse.columns,
+    "vector": common.vector,
+    "numbers": common.positive_numbers,
+    "span": common.span,
+    "columns": common.columns,
 }
 
 

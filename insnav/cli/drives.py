@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
-from insnav.cli import console, parse
+from insnav.cli import console
 from insnav.cli import options as common
 from insnav.cli.data_options import READING, Data, check_usable, compile_at_first, takes_data
 from insnav.cli.options import RESULT, START, Force, Json, Out, argument, flag, option
@@ -142,10 +142,10 @@ def outage(
     as_json: Json = False,
 ) -> None:
     """Simulate outages."""
-    wanted = parse.positive_numbers(lengths, "--lengths")
+    wanted = common.positive_numbers(lengths, "--lengths")
     for value, name in ((first, "--first"), (spacing, "--spacing")):
         if value is not None:
-            parse.finite(value, name, largest=1e5)
+            common.finite(value, name, largest=1e5)
     from insnav.report.outage.page import judged
 
     with console.working(out, force) as (folder, stage):
@@ -229,7 +229,7 @@ def require(
     if data.imu is None and (data.gps is not None or data.ref is not None):
         raise ConfigError("cli.fixes_without_drive", where="DRIVE")
     if begin is not None:
-        parse.finite(begin, "--begin", largest=1e6)
+        common.finite(begin, "--begin", largest=1e6)
     options: dict[str, Any] = {
         "workers": engine,
         "probability": probability,
@@ -237,7 +237,7 @@ def require(
         "begin": begin,
         "runs": runs,
         "seed": seed,
-        "cost": parse.weights(cost, "--cost"),
+        "cost": common.weights(cost, "--cost"),
     }
     with console.working(out, force) as (folder, stage):
         from insnav.session.requirement import require as required

@@ -5,9 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated, Literal, get_args
 
-import numpy as np
-
-from insnav.cli import parse
+from insnav.cli import options as common
 from insnav.cli.console import note, result
 from insnav.cli.options import RESULT, EpochsFile, Force, Point, argument, flag, option
 from insnav.exceptions import OutputError, writing
@@ -38,7 +36,9 @@ def export(
     force: Force = False,
 ) -> None:
     """Write a run in another format."""
-    from insnav.input.readers.epochs import read_epochs
+    import numpy as np
+
+    from insnav.input.readers.rows import read_epochs
     from insnav.messages import sentence
     from insnav.report.terminal import entry
     from insnav.session.export import encoded, track_of
@@ -54,9 +54,9 @@ def export(
         run,
         solution="poses" if poses else "filtered" if filtered else None,
         week=week,
-        interval=parse.interval(rate),
+        interval=common.interval(rate),
         epochs=None if epochs is None else read_epochs(epochs),
-        point=None if point is None else np.array(parse.vector(point, "--point")),
+        point=None if point is None else np.array(common.vector(point, "--point")),
     )
     contents = {each: encoded(track, kind) for each, kind in kinds.items()}
     for finding in found:

@@ -10,7 +10,8 @@ from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from insnav.cli import console, parse
+from insnav.cli import console
+from insnav.cli import options as common
 from insnav.cli.data_options import Data, takes_data
 from insnav.cli.options import Rate
 from insnav.exceptions import ConfigError, InputError, reason_of
@@ -26,7 +27,7 @@ INPUTS = ["lever_arm", "lever_arm_sd", "gps_delay", "heading", "static", "initia
 @takes_data("LOG", files={}, only=("imu_model", "axes", "time_offset", *INPUTS))
 def live(data: Data, rate: Rate = "10") -> None:
     """Run the filter on a log while it is written."""
-    from insnav.input.interpret.axes import axes_matrix
+    from insnav.input.interpret.physics import axes_matrix
     from insnav.input.stream import Stream
     from insnav.messages import sentence
     from insnav.session.online import OnlineFilter
@@ -38,7 +39,7 @@ def live(data: Data, rate: Rate = "10") -> None:
     given = {key: inputs[key] for key in INPUTS if inputs[key] is not None}
     nav = OnlineFilter(inputs["imu_model"], **given)
     turn, offset = axes_matrix(inputs["axes"] or "FRD").T, inputs["time_offset"] or 0.0
-    log, rows, told, fixes, samples = Stream(), _Rows(parse.interval(rate)), set[object](), 0, 0
+    log, rows, told, fixes, samples = Stream(), _Rows(common.interval(rate)), set[object](), 0, 0
     for piece in _pieces(data):
         for each in log.take(piece):
             try:

@@ -5,7 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated, Literal
 
-from insnav.cli import console, parse
+from insnav.cli import console
+from insnav.cli import options as common
 from insnav.cli.console import working
 from insnav.cli.data_options import Data, check_usable, takes_data
 from insnav.cli.drives import with_backdrop
@@ -53,12 +54,12 @@ def run(
     as_json: Json = False,
 ) -> None:
     """Navigate a recorded drive."""
-    interval = parse.interval(rate)
-    if fail_above is not None and parse.finite(fail_above, "--fail-above") <= 0.0:
+    interval = common.interval(rate)
+    if fail_above is not None and common.finite(fail_above, "--fail-above") <= 0.0:
         raise ConfigError("cli.not_a_limit", where="--fail-above", value=fail_above)
-    wanted = None if point is None else parse.vector(point, "--point")
+    wanted = None if point is None else common.vector(point, "--point")
     with working(out, force) as (folder, stage):
-        from insnav.input.readers.epochs import read_epochs
+        from insnav.input.readers.rows import read_epochs
 
         times = () if epochs is None else read_epochs(epochs)
         drive = data.load(stage)

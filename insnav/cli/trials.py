@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
-from insnav.cli import parse
+from insnav.cli import options as common
 from insnav.cli.console import Stages, note, quiet_figures, result, result_facts, result_page, working, write_result
 from insnav.cli.data_options import say_reading
 from insnav.cli.options import FILES, IMU, MOTION, RESULT, START, Engine, Force, Json, Out, Seed, argument, flag, option
@@ -190,7 +190,7 @@ def _check(
 def _temperatures(text: str) -> tuple[float, float]:
     """Parse temperature at the start and at the end [deg C], from ``FROM:TO`` or one number."""
     try:
-        values = [parse.finite(float(part), "--temperature", largest=300.0) for part in text.split(":")]
+        values = [common.finite(float(part), "--temperature", largest=300.0) for part in text.split(":")]
     except ValueError:
         values = []
     if len(values) not in (1, 2):

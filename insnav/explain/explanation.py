@@ -20,7 +20,7 @@ from insnav.explain.proposals import MOVING, SIZES, gains_of, misfit_of
 from insnav.explain.record import CLEARED, NAMES, LinearRecord, Pass, Step, usual_correlated
 from insnav.explain.search import ACCEPT, FEWEST, SAME, Search, prior_of, search_part
 from insnav.filter.ambiguity import with_wider_sd
-from insnav.filter.gps_correlation import Rough
+from insnav.filter.gps_noise import Rough
 from insnav.filter.prepare import Prepared
 from insnav.findings import Code, Finding
 from insnav.types import BoolArray, FloatArray, GpsData, Run, StateChange, Trajectory

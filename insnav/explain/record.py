@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from insnav.explain.kinds import FADES, RETURN, Kind
 from insnav.filter.error_model import MANOEUVRE, layout, reset_correlated
 from insnav.filter.gates import Gates
-from insnav.filter.gps_correlation import CorrelatedNoise
+from insnav.filter.gps_noise import CorrelatedNoise
 from insnav.filter.innovation_likelihood import thinned
 from insnav.filter.navigator import Navigator
 from insnav.filter.prepare import Prepared

@@ -1,36 +1,107 @@
-"""State, covariance and smoother history, changed only together: predict, correct, restart."""
+"""State, covariance and smoother history, changed only together: predict, correct, restart.
+
+filterpy checks nothing: one NaN, one wrong shape or one negative variance silently corrupts all later results. `Engine`
+checks all its input and output.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from copy import deepcopy
 from dataclasses import dataclass
+from importlib import import_module
 from typing import Any
 
 import numpy as np
 
 from insnav.alignment.static import LONG_REST
 from insnav.attitude import dcm_from_quat, dcm_from_rph, quat_from_rph
-from insnav.exceptions import InputError
-from insnav.filter.engine import Engine
-from insnav.filter.error_model import (
-    ErrorModel,
-    FilterState,
-    InitialState,
-    cross_covariance,
-    layout,
-    reset_correlated,
-    set_to_fix,
-)
+from insnav.deferred import deferred
+from insnav.exceptions import DivergenceError, InputError
+from insnav.filter import error_model
 from insnav.filter.settings import FilterSettings
 from insnav.filter.smoother import History
 from insnav.findings import Code, Finding
 from insnav.kernels import epoch, errorstate
 from insnav.kernels.dynamics import NAV
 from insnav.kernels.errorstate import STATES
-from insnav.kernels.measurements import swing
+from insnav.kernels.measurements import NOT_FINITE, fault_of, inverse, measurement_fault, swing
 from insnav.strapdown import TIME_TOLERANCE
 from insnav.types import Alignment, FloatArray, StateChange
+
+MAX_REPAIRS = 10  # rounding causes one or two in hours; more indicate a defect of model or data
+# filterpy imports all its parts, and for them scipy.stats and scipy.linalg, in half a second; no run needs these
+with deferred("filterpy.discrete_bayes", "filterpy.stats", "scipy.linalg"):
+    KalmanFilter: Any = import_module("filterpy.kalman").KalmanFilter
+
+
+class Engine:
+    """Closed-loop error-state filter: the state is zero before every update; starts from a covariance, (n, n)."""
+
+    def __init__(self, covariance: FloatArray) -> None:
+        n = covariance.shape[0]
+        self._filter = KalmanFilter(dim_x=n, dim_z=6)
+        self._filter.P = covariance.copy()
+        # numpy's inverse takes longer than the rest of an update with three numbers
+        self._filter.inv = inverse
+        self._zero = np.zeros((n, 1))
+        self.repairs = 0
+
+    @property
+    def covariance(self) -> FloatArray:
+        """Covariance of the error state, (n, n); do not change it."""
+        p: FloatArray = self._filter.P
+        return p
+
+    def predict(self, transition: FloatArray, noise: FloatArray, time: float) -> bool:
+        """Propagate the covariance to `time` [s] by transition and noise, (n, n) each, accumulated since the last call.
+
+        Returns whether a negative variance was repaired.
+
+        Raises: DivergenceError: a number that is not finite, or too many repairs.
+        """
+        self._filter.predict(F=transition, Q=noise)
+        return self._check(time, self._zero[:, 0])
+
+    def update(self, z: FloatArray, h: FloatArray, r: FloatArray, time: float) -> tuple[FloatArray, bool]:
+        """Apply a measurement: predicted minus measured, (m,), its derivative, (m, n), and its covariance.
+
+        Returns: `error` (n,): estimated error, to subtract from the state.
+        Raises: DivergenceError: as in `predict`; also if the measurement is not finite or its covariance not positive.
+        """
+        r = np.ascontiguousarray(r)  # one memory layout, one compiled kernel
+        if measurement_fault(z, h, r):
+            raise DivergenceError(
+                "filter.bad_measurement", where=f"t = {time:.3f} s", innovation=str(z), variance=str(np.diagonal(r))
+            )
+        self._filter.update(z.reshape(-1, 1), R=r, H=h)
+        error: FloatArray = self._filter.x[:, 0]
+        self._filter.x = self._zero
+        return error, self._check(time, error)
+
+    def replace_covariance(self, covariance: FloatArray) -> None:
+        """Set the covariance, at an explicit reset."""
+        self._filter.P = covariance.copy()
+
+    def _check(self, time: float, error: FloatArray) -> bool:
+        fault = fault_of(self._filter.P, error)
+        if fault == 0:
+            return False
+        if fault == NOT_FINITE:
+            raise DivergenceError("filter.not_finite", where=f"t = {time:.3f} s")
+        self.repairs += 1
+        if self.repairs > MAX_REPAIRS:
+            raise DivergenceError("filter.no_variance", where=f"t = {time:.3f} s", count=self.repairs)
+        # relative to each state's own standard deviation: a common floor would follow the largest
+        scale = np.sqrt(np.abs(np.diagonal(self._filter.P)))
+        live = scale > 0.0
+        unit = np.where(live, scale, 1.0)
+        values, vectors = np.linalg.eigh(self._filter.P / np.outer(unit, unit))
+        repaired = (vectors * np.maximum(values, 1e-12 * values[-1])) @ vectors.T * np.outer(unit, unit)
+        repaired[~live, :] = repaired[:, ~live] = 0.0
+        self._filter.P = repaired
+        return True
+
 
 SUBSTEP = 0.1  # longest sub-step of transition and noise: a car turns by less than 6 deg in it [s]
 # unseen change of rate [rad/s^2] and specific force [m/s^3] in a gap, and largest error assumed [rad], [m/s]
@@ -56,7 +127,7 @@ class Across:
     own: FloatArray  # (9, 9) covariance from other causes
 
     @classmethod
-    def of(cls, initial: InitialState) -> Across:
+    def of(cls, initial: error_model.InitialState) -> Across:
         """Derive it from the covariance of an initial state with uncorrelated sensor errors."""
         p = initial.covariance
         variance = np.diag(p)[NAV:]
@@ -75,14 +146,14 @@ class Estimate:
 
     def __init__(
         self,
-        start: FilterState,
-        model: ErrorModel,
+        start: error_model.FilterState,
+        model: error_model.ErrorModel,
         settings: FilterSettings,
         note: Callable[[Finding], None],
         coast: float,
         alignment: Alignment,
     ) -> None:
-        self.at, self._coast = layout(settings), coast
+        self.at, self._coast = error_model.layout(settings), coast
         n = self.at.states
         self.all = np.zeros(epoch.ESTIMATED)
         self.x, self.correction, self.motion, self.lasting, self.shaken = (
@@ -152,7 +223,7 @@ class Estimate:
         self._changes = list(changes)
         self._engine.replace_covariance(covariance)
 
-    def kept(self, time: float) -> FilterState:
+    def kept(self, time: float) -> error_model.FilterState:
         """Copy the whole state, to continue from."""
         levers, phi = (self.lever, self.shaken), self._unity.copy()
         epoch.turn(phi, self.all.copy())
@@ -161,7 +232,7 @@ class Estimate:
             swing(phi, self._swung.copy())
         p = phi @ self.covariance @ phi.T
         state = (self.x, self.correction, *self._clock.tolist(), self.lasting, *levers, self.motion, p)
-        return FilterState(time, *deepcopy(state))
+        return error_model.FilterState(time, *deepcopy(state))
 
     def propagate(
         self, samples: errorstate.Samples, first: int, last: int, close: bool, out: errorstate.Outputs
@@ -241,13 +312,13 @@ class Estimate:
             p[3:6, 3:6] += VELOCITY_RESET_SD**2 * np.eye(3)
         p[6:15, 6:15] += np.diag(np.concatenate([ATTITUDE_RESET_SD, BIAS_RESET_SD]) ** 2)
         errorstate.feed_back(self.x, self.correction, error)
-        by = set_to_fix(self.at, self.x[3:6], dcm_from_quat(self.x[6:]))
+        by = error_model.set_to_fix(self.at, self.x[3:6], dcm_from_quat(self.x[6:]))
         p = by @ p @ by.T
         self._begin_at_fix(p)
         if self.history is not None:
             self.history.restart(time, *self._seen, p)
 
-    def go_on(self, start: InitialState, span: float) -> None:
+    def go_on(self, start: error_model.InitialState, span: float) -> None:
         """Continue after a gap of `span` seconds: position, velocity and attitude from a new alignment.
 
         Sensor errors, delay and lever arm are kept, apart from their decay; see `Across`.
@@ -276,7 +347,7 @@ class Estimate:
         self.x[:] = x
         self.motion[:] = 0.0
         # independent of delay and lever arm: the smoother's transitions carry no position for them
-        by = set_to_fix(self.at, start.v_n, c)[:3, STATES:]
+        by = error_model.set_to_fix(self.at, start.v_n, c)[:3, STATES:]
         p[:3, :3] += by @ p[STATES:, STATES:] @ by.T
         self._begin_at_fix(p)
         errorstate.reset_transition(self._phi, self._q, self.span)
@@ -289,8 +360,8 @@ class Estimate:
         self.all[epoch.CORRECTED] = self.all[epoch.TURNED] = self.all[epoch.SQUARES] = 0.0
         self.all[epoch.BEGAN] = self.x[3:5]
         if self._gps_noise is not None:
-            reset_correlated(p, self.at.correlated, self._lasting_sd)
-            cross_covariance(p, self.at.correlated, self._lasting_sd)
+            error_model.reset_correlated(p, self.at.correlated, self._lasting_sd)
+            error_model.cross_covariance(p, self.at.correlated, self._lasting_sd)
             self.lasting[:] = 0.0
         self._engine.replace_covariance(p)
 

@@ -14,8 +14,7 @@ import numpy as np
 from insnav.attitude import rph_by_turn
 from insnav.exceptions import DivergenceError
 from insnav.filter.error_model import error_model, first_state, layout
-from insnav.filter.gps_correlation import CorrelatedNoise
-from insnav.filter.gps_noise import ALIKE, OPEN_VELOCITY
+from insnav.filter.gps_noise import ALIKE, OPEN_VELOCITY, CorrelatedNoise
 from insnav.filter.navigator import Navigator
 from insnav.filter.noise_estimate import NoiseEstimate, errors_of_axes, informed, start_by
 from insnav.filter.prepare import Prepared

@@ -18,8 +18,8 @@ from insnav.filter.measurements import measurements_from_drive
 from insnav.filter.measurements.measurement import FirstPass
 from insnav.filter.measurements.sensors import NonHolonomic, ZeroVelocity
 from insnav.filter.navigator import Navigator
-from insnav.filter.poses import on_grid
 from insnav.filter.prepare import Prepared, Start, prepare
+from insnav.filter.run_recorder import on_grid
 from insnav.filter.settings import FilterSettings
 from insnav.findings import Code, Finding
 from insnav.imu.specification import ImuSpec

@@ -20,7 +20,7 @@ from insnav import spill, strapdown
 from insnav.alignment.static import LONG_REST
 from insnav.attitude import dcm_from_quat
 from insnav.filter.error_model import ErrorModel, InitialState, initial_state
-from insnav.filter.gps_correlation import CorrelatedNoise
+from insnav.filter.gps_noise import CorrelatedNoise
 from insnav.imu.specification import ImuSpec
 from insnav.kernels.noise_likelihood import held
 from insnav.kernels.smoother import STATE, TIME

@@ -21,8 +21,7 @@ from insnav.exceptions import DivergenceError
 from insnav.filter import innovation_likelihood as likelihood
 from insnav.filter.error_model import error_model
 from insnav.filter.gates import Gates
-from insnav.filter.gps_correlation import CorrelatedNoise
-from insnav.filter.gps_noise import CARRIER
+from insnav.filter.gps_noise import CARRIER, CorrelatedNoise
 from insnav.filter.innovation_likelihood import InnovationLikelihood, Parameter
 from insnav.filter.noise_estimate import Misalignment, NoiseEstimate, NoiseFigure, after_rest, misalignment
 from insnav.filter.prepare import Prepared

@@ -17,8 +17,7 @@ from insnav.alignment.static import LONG_REST
 from insnav.exceptions import AlignmentError, InputError
 from insnav.filter.error_model import ErrorModel, InitialState, Part, error_model, initial_state
 from insnav.filter.gates import Gates, pass_quality, without_frozen
-from insnav.filter.gps_correlation import correlated_noise
-from insnav.filter.gps_noise import LAG_WORTH, OPEN_HEIGHT, name_lag, velocity_lag, with_sd
+from insnav.filter.gps_noise import LAG_WORTH, OPEN_HEIGHT, correlated_noise, name_lag, velocity_lag, with_sd
 from insnav.filter.measurements.sensors import HeightAiding
 from insnav.filter.navigator import Navigator
 from insnav.filter.noise_estimate import NoiseEstimate, start_by

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from insnav.filter.gates import Gates
-from insnav.filter.gps_correlation import CorrelatedNoise, Rough
+from insnav.filter.gps_noise import CorrelatedNoise, Rough
 from insnav.filter.measurements.measurement import INTERVAL, Measurement
 from insnav.types import BoolArray, FloatArray, SensorLog, StateChange
 

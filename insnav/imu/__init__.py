@@ -15,13 +15,11 @@ from insnav.imu.model import ErrorTerms, ImuErrors, correct, corrupt, sample_err
 from insnav.imu.specification import PRESETS, ClockSpec, ImuSpec, InitialSpec, SensorSpec
 
 if TYPE_CHECKING:
-    from insnav.imu.calibration_file import calibration_to_toml, load_calibration
-    from insnav.imu.imu_file import load_imu, to_kalibr, to_toml
+    from insnav.imu.imu_file import calibration_to_toml, load_calibration, load_imu, to_kalibr, to_toml
     from insnav.imu.noise_density import identify, nearest_preset, white_noise
 
 _LAZY = {
-    "calibration_file": ("calibration_to_toml", "load_calibration"),
-    "imu_file": ("load_imu", "to_kalibr", "to_toml"),
+    "imu_file": ("calibration_to_toml", "load_calibration", "load_imu", "to_kalibr", "to_toml"),
     "noise_density": ("identify", "nearest_preset", "white_noise"),
 }
 

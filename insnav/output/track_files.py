@@ -9,12 +9,14 @@ errors North, East, Down in metres. The distances between two files thus equal i
 References
 ----------
 ROS sensor_msgs, geometry_msgs and nav_msgs, noetic: message encoding. REP-103, REP-105 (axes: East, North, Up; Forward,
-Left, Up). Applanix POSPac: SBET of 17 and smrmsg of 10 doubles a record.
+Left, Up). Applanix POSPac: SBET of 17 and smrmsg of 10 doubles a record. UTM: C. F. F. Karney, "Transverse Mercator
+with an accuracy of a few nanometers", J. Geodesy 85 (2011) 475-485. Zones of UTM: NGA.STND.0037 (2014).
 """
 
 from __future__ import annotations
 
 import json
+import math
 import struct
 import tempfile
 from collections.abc import Callable, Mapping
@@ -27,14 +29,88 @@ import numpy as np
 import pymap3d
 from numpy.typing import NDArray
 
-from insnav.attitude import dcm_from_quat, quat_from_dcm, quat_from_rph, quat_multiply
-from insnav.earth import earth_from_lla, level_from_earth, quat_earth_from_level
+from insnav.attitude import dcm_from_quat, dcm_from_rph, quat_conjugate, quat_from_dcm, quat_from_rph, quat_multiply
+from insnav.earth import earth_from_lla, level_from_earth, quat_earth_from_level, transport_rate_n
 from insnav.exceptions import ConfigError
-from insnav.output.body_motion import body_motion
-from insnav.output.map_projection import UTM_SCALE, transverse_mercator, utm_zone
+from insnav.kernels.earth import E2, A
 from insnav.plain_text import plain_text
+from insnav.spline import Spline
 from insnav.types import FloatArray, Trajectory
 from insnav.units import DEG
+
+_GAP = 2.0  # median steps: a spline across a longer one would swing [-]
+_FEWEST = 4  # rows of a spline
+
+
+def body_motion(track: Trajectory) -> tuple[FloatArray, FloatArray]:
+    """Differentiate attitude and velocity by cubic splines.
+
+    Returns: rate ``w_eb_b`` (n, 3) [rad/s] and acceleration over ground (n, 3) [m/s^2], body axes: without rotation and
+    gravity of the Earth. Zero in parts of fewer than four rows between gaps, NaN where the trajectory is unknown.
+    """
+    q = quat_from_rph(track.rph)
+    turned = np.where(np.sum(q[1:] * q[:-1], axis=1) < 0.0, -1.0, 1.0)
+    q *= np.concatenate([[1.0], np.cumprod(turned)])[:, None]
+    slope = np.zeros((len(q), 7))
+    step = np.diff(track.time)
+    for rows in np.split(np.arange(len(q)), np.flatnonzero(step > _GAP * np.median(step)) + 1):
+        if len(rows) >= _FEWEST:
+            time = track.time[rows]
+            slope[rows] = Spline(time, np.hstack([q, track.v_n])[rows]).changes(time)[0]
+    to_body = np.swapaxes(dcm_from_rph(track.rph), 1, 2)
+    over = transport_rate_n(track.lla[:, 0], track.lla[:, 2], track.v_n)
+    acceleration = slope[:, 4:] + np.cross(over, track.v_n)
+    rate = 2.0 * quat_multiply(quat_conjugate(q), slope[:, :4])[:, 1:] + np.einsum("nij,nj->ni", to_body, over)
+    return rate, np.einsum("nij,nj->ni", to_body, acceleration)
+
+
+UTM_SCALE = 0.9996
+_E = math.sqrt(E2)
+_N = (1.0 - math.sqrt(1.0 - E2)) / (1.0 + math.sqrt(1.0 - E2))  # third flattening [-]
+_RADIUS = A / (1.0 + _N) * (1.0 + _N**2 / 4.0 + _N**4 / 64.0 + _N**6 / 256.0)  # eq. 14 [m]
+_ALPHA = (  # eq. 35: rows of coefficients of the powers of n, from the power of the row on
+    (1 / 2, -2 / 3, 5 / 16, 41 / 180, -127 / 288, 7891 / 37800),
+    (13 / 48, -3 / 5, 557 / 1440, 281 / 630, -1983433 / 1935360),
+    (61 / 240, -103 / 140, 15061 / 26880, 167603 / 181440),
+    (49561 / 161280, -179 / 168, 6601661 / 7257600),
+    (34729 / 80640, -3418889 / 1995840),
+    (212378941 / 319334400,),
+)
+
+
+def utm_zone(lat: float, lon: float) -> tuple[int, bool]:
+    """Return number of the UTM zone of a position [rad], with its exceptions in Norway, and whether it is southern."""
+    north, east = lat / DEG, (lon / DEG + 180.0) % 360.0 - 180.0
+    zone = int((east + 180.0) // 6.0) + 1
+    if 56.0 <= north < 64.0 and 3.0 <= east < 12.0:
+        zone = 32
+    elif north >= 72.0 and 0.0 <= east < 42.0:
+        zone = 31 + 2 * int((east + 3.0) // 12.0)
+    return zone, north < 0.0
+
+
+def transverse_mercator(lat: FloatArray, lon: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Project positions onto a transverse Mercator plane with unit scale on its meridian.
+
+    `lat` (n,) [rad]. `lon` (n,): from the central meridian [rad].
+    Returns: east, north [m], and meridian convergence [rad]: azimuth minus grid azimuth; (n,) each. Accurate to
+    nanometres within 35 deg of the meridian.
+    """
+    tau, lon = np.tan(lat), (lon + math.pi) % (2.0 * math.pi) - math.pi
+    sigma = np.sinh(_E * np.arctanh(_E * tau / np.hypot(1.0, tau)))  # eq. 7-9
+    conformal = tau * np.hypot(1.0, sigma) - sigma * np.hypot(1.0, tau)
+    xi = np.arctan2(conformal, np.cos(lon))  # eq. 10
+    eta = np.arcsinh(np.sin(lon) / np.hypot(conformal, np.cos(lon)))
+    north, east, p, q = xi.copy(), eta.copy(), np.ones_like(xi), np.zeros_like(xi)
+    for j, row in enumerate(_ALPHA, 1):
+        alpha = sum(each * _N ** (j + k) for k, each in enumerate(row))
+        north += alpha * np.sin(2 * j * xi) * np.cosh(2 * j * eta)  # eq. 11
+        east += alpha * np.cos(2 * j * xi) * np.sinh(2 * j * eta)
+        p += 2 * j * alpha * np.cos(2 * j * xi) * np.cosh(2 * j * eta)  # eq. 12
+        q += 2 * j * alpha * np.sin(2 * j * xi) * np.sinh(2 * j * eta)
+    convergence = np.arctan2(conformal * np.tan(lon), np.hypot(1.0, conformal)) + np.arctan2(q, p)  # eq. 23
+    return _RADIUS * east, _RADIUS * north, convergence
+
 
 _DEGREES = np.array([DEG, DEG, 1.0])  # of latitude and longitude; metres of height
 KML_POINTS = 5000  # more points slow map programs without visible benefit

@@ -39,7 +39,7 @@ from insnav.imu import ImuSpec, identify, load_imu
 from insnav.imu.imu_file import to_toml
 from insnav.input import read_gps, read_imu, read_reference
 from insnav.output.folder import file_sha256
-from insnav.simulate import gps_file as gps_config
+from insnav.simulate import recording as gps_config
 from insnav.simulate.motion import load_profile
 from insnav.simulate.recording import MOTION_STREAM, parse_fault, perfect_imu, simulate_recording, times
 from insnav.simulate.truth import gps_from_truth

@@ -33,10 +33,10 @@ from insnav.imu.imu_file import load_imu
 from insnav.imu.specification import ImuSpec
 from insnav.input.readers.reading import ReadingFacts
 from insnav.messages import language, phrase, render, sentence, speaking
+from insnav.output.data_files import FILE as STORED_FILE
+from insnav.output.data_files import read_stored, store
 from insnav.output.folder import FACTS_FILE, RunFolder, read_facts
 from insnav.output.solution_tables import TableFormat, read_events
-from insnav.output.stored import FILE as STORED_FILE
-from insnav.output.stored import read_stored, store
 from insnav.plain_text import NOT_UTF8
 from insnav.quantity import Quantity, quantity_of
 from insnav.report.page import DataFrame, Figure, FigureSpec, Page, Section, cell, of_table, only_json

@@ -13,6 +13,7 @@ from insnav.earth import gravity_n
 from insnav.exceptions import ConfigError
 from insnav.findings import Finding
 from insnav.imu import load_calibration
+from insnav.imu.library import Part, close_names, find_part, parts
 from insnav.input import Reading
 from insnav.input.formats.registry import open_table
 from insnav.input.formats.table import Table
@@ -21,19 +22,10 @@ from insnav.input.interpret.columns import require, understand
 from insnav.input.interpret.schema import IMU_SCHEMA, Quantity
 from insnav.input.readers.imu import SLOWEST_ALONE
 from insnav.input.readers.rows import read_rows
+from insnav.lab import calibration
 from insnav.lab.acceptance import Acceptance
 from insnav.lab.acceptance import acceptance as acceptance_figures
 from insnav.lab.bench_data import read_drift, read_powerups, read_static, read_steps
-from insnav.lab.calibration import (
-    STANDARD,
-    BenchInputs,
-    BenchOptions,
-    Calibration,
-    badly_conditioned,
-    carried_over,
-    method_named,
-    navigation_impact,
-)
 from insnav.lab.drift import DriftStudy, drift_study
 from insnav.lab.noise.allan import between
 from insnav.lab.noise.static_noise import SignalNoise, StaticNoise, signal_noise, static_noise
@@ -58,8 +50,8 @@ def calibrate(
     add: str | Path | None = None,
     stage: Callable[[str], None] | None = None,
     opened: Callable[[Any], None] | None = None,
-    **options: Unpack[BenchInputs],
-) -> Result[Calibration[Any, Any]]:
+    **options: Unpack[calibration.BenchInputs],
+) -> Result[calibration.Calibration[Any, Any]]:
     """Calibrate sensors from files of the bench.
 
     Parameters
@@ -94,8 +86,8 @@ def calibrate(
         A file cannot be used, or does not determine the result.
     """
     started = stage or (lambda name: None)
-    module = method_named(method)
-    how = BenchOptions(**options)
+    module = calibration.method_named(method)
+    how = calibration.BenchOptions(**options)
     started("reading")
     record = (
         read_samples(files, Inputs())
@@ -108,12 +100,12 @@ def calibrate(
     found = module.fit(record, how)
     if found.errors is not None:
         started("navigating")
-        impact = navigation_impact(found.sensed or found.errors, found.sd)
+        impact = calibration.navigation_impact(found.sensed or found.errors, found.sd)
         other = None if add is None else load_calibration(add)
         kept = "gyro" if method == "accel" else "accel"
-        errors = found.errors if other is None else carried_over(found.errors, other, kept)
+        errors = found.errors if other is None else calibration.carried_over(found.errors, other, kept)
         found = replace(found, errors=errors, impact=impact)
-    chosen = {name: value for name, value in asdict(how).items() if value != getattr(STANDARD, name)}
+    chosen = {name: value for name, value in asdict(how).items() if value != getattr(calibration.STANDARD, name)}
     return Result("calibration", found, options={"method": method, "add": add, **chosen}, findings=found.warnings)
 
 
@@ -284,14 +276,14 @@ def acceptance(
     """
     if not (steps or static is not None or powerups):
         raise ConfigError("session.nothing_to_accept", where="insnav acceptance")
-    limit = BenchOptions(spike_limit=spike_limit).spike_limit
+    limit = calibration.BenchOptions(spike_limit=spike_limit).spike_limit
     measured = [read_steps(samples_source(each, None), columns, limit) for each in steps]
     rest = None if static is None else read_static(samples_source(static, None), columns)
     repeated = [read_powerups(samples_source(each, None), columns) for each in powerups]
     found = acceptance_figures(measured, rest, repeated, sorted(set(lengths)))
     fits = {each.axis: each.scale.table.fit for each in found.sensors if each.scale is not None}
     options = {"lengths": lengths, "columns": columns, "spike_limit": spike_limit}
-    findings = _each_once(found.warnings, badly_conditioned(fits), found.notes)
+    findings = _each_once(found.warnings, calibration.badly_conditioned(fits), found.notes)
     return Result("acceptance", found, options=options, findings=findings)
 
 
@@ -322,7 +314,7 @@ def drift(file: Given, *, columns: Mapping[str, str] | None = None) -> Result[Dr
     record, table = read_drift(samples_source(file, None), columns)
     found = replace(drift_study(record), file=table.file)
     fits = {f"gyro {each.model.axis}": each.model.fit for each in found.gyros}
-    findings = _each_once(found.warnings, badly_conditioned(fits), found.notes)
+    findings = _each_once(found.warnings, calibration.badly_conditioned(fits), found.notes)
     return Result("drift", found, options={"columns": columns}, findings=findings)
 
 
@@ -343,3 +335,26 @@ def bench_gravity(gravity: float | None, lat: float | None, height: float = 0.0)
     if not -90.0 <= lat <= 90.0:
         raise ConfigError("session.bad_latitude", where="--lat", value=lat)
     return float(np.linalg.norm(gravity_n(np.deg2rad(lat), height))), f"normal gravity at {lat:g} deg, {height:g} m"
+
+
+def imus(name: str | None = None) -> Result[tuple[Part, ...]]:
+    """List real IMUs, or show one IMU with the documents of its figures.
+
+    Parameters
+    ----------
+    name : str, optional
+        A part, in any case and with or without hyphens; by default all.
+
+    Returns
+    -------
+    Result of tuple of Part
+
+    Raises
+    ------
+    ConfigError
+        There is no such part.
+    """
+    part = None if name is None else find_part(name)
+    if name is not None and part is None:
+        raise ConfigError("imu.unknown_part", where="PART", name=name[:200], close=close_names(name))
+    return Result("imus", parts() if part is None else (part,), options={"name": name})

@@ -6,15 +6,8 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import TypedDict
 
+from insnav.errors.budget import from_windows
 from insnav.errors.budget.error_budget import Budget, budget, check_times
-from insnav.errors.budget.from_windows import (
-    BudgetStudy,
-    RecordedBudget,
-    spec_in_windows,
-    window_motion,
-    window_start_sources,
-    with_recorded,
-)
 from insnav.errors.budget.sources import SampledMotion, Source, at_rest, first_movement, sampled
 from insnav.exceptions import ConfigError
 from insnav.findings import Code, Finding
@@ -75,23 +68,23 @@ def motion_of(
 
 def budget_of_motion(
     spec: ImuSpec, motion: SampledMotion, settings: BudgetSettings, progress: Callable[[float], None] | None = None
-) -> Result[BudgetStudy]:
+) -> Result[from_windows.BudgetStudy]:
     """Compute the budget of an IMU on a motion.
 
     `progress`: called with the completed fraction of the simulated runs.
     """
     found = _drawn_up(spec, motion, settings, (), progress)
     model = spec, Finding.of(Code.IMU_MODEL_GIVEN)
-    return Result("budget", BudgetStudy(found), options=asdict(settings), imu_model=model)
+    return Result("budget", from_windows.BudgetStudy(found), options=asdict(settings), imu_model=model)
 
 
 def budget_of_windows(
-    windows: RecordedBudget, settings: BudgetSettings, progress: Callable[[float], None] | None = None
-) -> BudgetStudy:
+    windows: from_windows.RecordedBudget, settings: BudgetSettings, progress: Callable[[float], None] | None = None
+) -> from_windows.BudgetStudy:
     """Compute the budget of the typical window of a drive, and compare it with all windows."""
-    spec, motion = spec_in_windows(windows), window_motion(windows, max(settings.times))
-    found = _drawn_up(spec, motion, settings, window_start_sources(windows), progress)
-    return BudgetStudy(with_recorded(found, windows), windows)
+    spec, motion = from_windows.spec_in_windows(windows), from_windows.window_motion(windows, max(settings.times))
+    found = _drawn_up(spec, motion, settings, from_windows.window_start_sources(windows), progress)
+    return from_windows.BudgetStudy(from_windows.with_recorded(found, windows), windows)
 
 
 def _drawn_up(

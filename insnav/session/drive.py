@@ -28,7 +28,7 @@ from insnav.findings import Code, Finding, Severity, added, by_time
 from insnav.imu import load_imu
 from insnav.imu.specification import ImuSpec
 from insnav.input import Reading
-from insnav.input.readers.epochs import as_epochs
+from insnav.input.readers.rows import as_epochs
 from insnav.messages import sentence
 from insnav.progress import announce, in_notebook
 from insnav.result import Result, StepRecord

@@ -13,13 +13,12 @@ from insnav.attitude import wrap_pi
 from insnav.earth import ned_offset
 from insnav.errors.metrics import interpolated
 from insnav.exceptions import ConfigError, InputError
-from insnav.filter.poses import move_to_point
+from insnav.filter.run_recorder import move_to_point
 from insnav.findings import Code, Finding
-from insnav.input.formats.time_scales import DAY, EPOCH, UNIX_DAYS, WEEK_DAYS, leap_seconds
-from insnav.output.body_motion import body_motion
+from insnav.input.formats.conventions import DAY, EPOCH, UNIX_DAYS, WEEK_DAYS, leap_seconds
 from insnav.output.folder import read_facts
 from insnav.output.solution_tables import has_smoothed, read_solution
-from insnav.output.track_files import WRITERS, Track
+from insnav.output.track_files import WRITERS, Track, body_motion
 from insnav.plain_text import plain_text
 from insnav.types import FloatArray, Trajectory
 

@@ -24,7 +24,7 @@ from insnav.input.interpret.columns import key_of, understand
 from insnav.input.interpret.schema import GPS_SCHEMA, IMU_SCHEMA
 from insnav.input.readers.imu import Bench
 from insnav.input.readers.kinds import open_parts
-from insnav.input.readers.sensor_log import read_sensor_log
+from insnav.input.readers.rows import read_sensor_log
 from insnav.plain_text import plain_text
 from insnav.steps import Recording
 from insnav.steps.given import checked, one_of

@@ -14,13 +14,13 @@ from insnav.imu.specification import ImuSpec
 from insnav.input import Reading, read_reference
 from insnav.session.drive import Drive, drive_of
 from insnav.session.read import in_memory
-from insnav.simulate.gps_file import load_gps
 from insnav.simulate.montecarlo import run_seed
 from insnav.simulate.motion import load_profile
 from insnav.simulate.recording import (
     MOTION_STREAM,
     Fault,
     Recording,
+    load_gps,
     parse_fault,
     perfect_imu,
     simulate_recording,

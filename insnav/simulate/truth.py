@@ -26,6 +26,7 @@ from typing import Literal, Protocol
 import numpy as np
 from scipy.interpolate import BSpline, PPoly, make_interp_spline
 
+from insnav import earth
 from insnav.attitude import (
     dcm_from_rph,
     quat_conjugate,
@@ -34,20 +35,6 @@ from insnav.attitude import (
     rph_from_quat,
     wrap_pi,
     wrap_two_pi,
-)
-from insnav.earth import (
-    E2,
-    OMEGA_EARTH,
-    A,
-    components,
-    earth_rate_n,
-    geodetic,
-    gravity_n,
-    lla_from_earth,
-    lla_offset,
-    metres_per_unit,
-    quat_earth_from_level,
-    radii,
 )
 from insnav.exceptions import ConfigError
 from insnav.spill import by_blocks
@@ -248,13 +235,13 @@ def _sensed(truth: LevelTruth, tau: FloatArray) -> tuple[Vector, Vector, Vector]
 
     At times since the start [s]: Groves 2013, eq. 2.111 solved for the velocity, eq. 5.53 for the specific force.
     """
-    lat, _, height = components(truth.position(tau) + truth.origin)
-    d_lat, d_lon, d_height = components(truth.position(tau, 1))
-    dd_lat, dd_lon, dd_height = components(truth.position(tau, 2))
-    meridian, transverse = radii(lat)
+    lat, _, height = earth.components(truth.position(tau) + truth.origin)
+    d_lat, d_lon, d_height = earth.components(truth.position(tau, 1))
+    dd_lat, dd_lon, dd_height = earth.components(truth.position(tau, 2))
+    meridian, transverse = earth.radii(lat)
     s, c = np.sin(lat), np.cos(lat)
     # d radii / d latitude: (3 k) meridian and k transverse, by differentiating Groves 2013, section 2.4.2.
-    k = E2 * s * c / (1.0 - E2 * s * s)
+    k = earth.E2 * s * c / (1.0 - earth.E2 * s * s)
     to_north, to_east = meridian + height, transverse + height
     v_north, v_east, v_down = to_north * d_lat, to_east * c * d_lon, -d_height
     a_north = to_north * dd_lat + (3.0 * k * meridian * d_lat + d_height) * d_lat
@@ -262,8 +249,8 @@ def _sensed(truth: LevelTruth, tau: FloatArray) -> tuple[Vector, Vector, Vector]
     a_down = -dd_height
 
     # Earth rate plus transport rate (eq. 2.123, 5.44) in rates of latitude and longitude, and 2 w_ie + w_en.
-    turn_north, turn_east, turn_down = (OMEGA_EARTH + d_lon) * c, -d_lat, -(OMEGA_EARTH + d_lon) * s
-    p_north, p_down = turn_north + OMEGA_EARTH * c, turn_down - OMEGA_EARTH * s
+    turn_north, turn_east, turn_down = (earth.OMEGA_EARTH + d_lon) * c, -d_lat, -(earth.OMEGA_EARTH + d_lon) * s
+    p_north, p_down = turn_north + earth.OMEGA_EARTH * c, turn_down - earth.OMEGA_EARTH * s
     g_north, g_down = gravity_of(truth.gravity, lat, height)
     f_n = (
         a_north + turn_east * v_down - p_down * v_east - g_north,
@@ -271,8 +258,8 @@ def _sensed(truth: LevelTruth, tau: FloatArray) -> tuple[Vector, Vector, Vector]
         a_down + p_north * v_east - turn_east * v_north - g_down,
     )
 
-    rph = components(truth.attitude(tau))
-    d_roll, d_pitch, d_heading = components(truth.attitude(tau, 1))
+    rph = earth.components(truth.attitude(tau))
+    d_roll, d_pitch, d_heading = earth.components(truth.attitude(tau, 1))
     trig = tuple((np.sin(angle), np.cos(angle)) for angle in rph)
     (s_roll, c_roll), (s_pitch, c_pitch), _ = trig
     w_x, w_y, w_z = to_body(trig, (turn_north, turn_east, turn_down))
@@ -287,10 +274,10 @@ def _sensed(truth: LevelTruth, tau: FloatArray) -> tuple[Vector, Vector, Vector]
 
 def gravity_of(model: Gravity, lat: FloatArray, height: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Compute North and Down gravity [m/s^2] by a model of `Truth`, at latitudes [rad] and heights [m]."""
-    north, _, down = components(gravity_n(lat, height if model != "linear" else np.zeros_like(height)))
+    north, _, down = earth.components(earth.gravity_n(lat, height if model != "linear" else np.zeros_like(height)))
     if model == "full":
         return north, down
-    return np.zeros_like(down), down if model == "plumb" else down * (1.0 - 2.0 * height / A)
+    return np.zeros_like(down), down if model == "plumb" else down * (1.0 - 2.0 * height / earth.A)
 
 
 def to_body(trig: tuple[tuple[FloatArray, FloatArray], ...], vector: Vector) -> Vector:
@@ -331,7 +318,7 @@ def straight(
     `duration`, `start`: length, and time of the first instant [s].
     """
     along = np.array([speed * math.cos(heading), speed * math.sin(heading), climb])
-    position = Harmonic(_ZERO, along / metres_per_unit(lla), _ZERO, _ZERO)
+    position = Harmonic(_ZERO, along / earth.metres_per_unit(lla), _ZERO, _ZERO)
     attitude = Harmonic(np.array([roll, pitch, heading]), _ZERO, _ZERO, _ZERO)
     return LevelTruth(np.asarray(lla, dtype=np.float64), position, attitude, duration, start)
 
@@ -354,8 +341,8 @@ def circle(
     # Position whose derivative is speed * (cos, sin)(heading + turn_rate t).
     radius, sin, cos = speed / turn_rate, math.sin(heading), math.cos(heading)
     cosine, sine = np.array([sin, -cos, 0.0]) * radius, np.array([cos, sin, 0.0]) * radius
-    bank = math.atan2(speed * turn_rate, float(gravity_n(lla[0], lla[2])[2]))
-    position = Harmonic(_ZERO, _ZERO, cosine / metres_per_unit(lla), sine / metres_per_unit(lla), turn_rate)
+    bank = math.atan2(speed * turn_rate, float(earth.gravity_n(lla[0], lla[2])[2]))
+    position = Harmonic(_ZERO, _ZERO, cosine / earth.metres_per_unit(lla), sine / earth.metres_per_unit(lla), turn_rate)
     attitude = Harmonic(np.array([bank, 0.0, heading]), np.array([0.0, 0.0, turn_rate]), _ZERO, _ZERO)
     return LevelTruth(np.asarray(lla, dtype=np.float64), position, attitude, duration, start)
 
@@ -440,12 +427,12 @@ def gps_from_truth(truth: Truth, time: FloatArray, lever_b: FloatArray) -> GpsDa
     """
     at = truth.evaluate(time)
     C_nb = dcm_from_rph(at.rph)
-    w_eb_n = (C_nb @ at.w_ib_b[:, :, None])[:, :, 0] - earth_rate_n(at.lla[:, 0])
+    w_eb_n = (C_nb @ at.w_ib_b[:, :, None])[:, :, 0] - earth.earth_rate_n(at.lla[:, 0])
     lever_n = C_nb @ np.asarray(lever_b, dtype=np.float64)
     unknown = np.full((len(at.lla), 3), np.nan)
     return GpsData(
         time=np.asarray(time, dtype=np.float64),
-        lla=lla_offset(at.lla, lever_n),
+        lla=earth.lla_offset(at.lla, lever_n),
         v_n=at.v_n + np.cross(w_eb_n, lever_n),
         position_sd=unknown,
         velocity_sd=unknown.copy(),
@@ -482,7 +469,7 @@ class Turns:
         first, second = turn_factors(angle2)
         w = rate - first[:, None] * across + second[:, None] * np.cross(rotvec, across)
         q = quat_multiply(self.base[stretch], quat_from_rotvec(rotvec))
-        return (q[:, 0], q[:, 1], q[:, 2], q[:, 3]), components(w)
+        return (q[:, 0], q[:, 1], q[:, 2], q[:, 3]), earth.components(w)
 
 
 def turn_factors(angle2: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -523,17 +510,17 @@ class EarthTruth(Truth):
         a, b, c, d = q = _columns(self.attitude(tau))
         da, db, dc, dd = _columns(self.attitude(tau, 1))
         twice = 2.0 / (a * a + b * b + c * c + d * d)
-        w_e = turned_back(q, (np.zeros(1), np.zeros(1), np.full(1, OMEGA_EARTH)))
+        w_e = turned_back(q, (np.zeros(1), np.zeros(1), np.full(1, earth.OMEGA_EARTH)))
         w = (
             twice * (a * db - b * da - c * dd + d * dc) + w_e[0],
             twice * (a * dc - c * da - d * db + b * dd) + w_e[1],
             twice * (a * dd - d * da - b * dc + c * db) + w_e[2],
         )
-        x, y, z = components(self.position(tau) + self.origin)
-        vx, vy, _ = components(self.position(tau, 1))
-        ax, ay, az = components(self.position(tau, 2))
+        x, y, z = earth.components(self.position(tau) + self.origin)
+        vx, vy, _ = earth.components(self.position(tau, 1))
+        ax, ay, az = earth.components(self.position(tau, 2))
         gx, gy, gz = gravity_e(x, y, z, self.gravity)
-        f = turned_back(q, (ax - 2 * OMEGA_EARTH * vy - gx, ay + 2 * OMEGA_EARTH * vx - gy, az - gz))
+        f = turned_back(q, (ax - 2 * earth.OMEGA_EARTH * vy - gx, ay + 2 * earth.OMEGA_EARTH * vx - gy, az - gz))
         if self.turns is None:
             return w, f
         q_vb, w_vb_b = self.turns(tau)
@@ -545,13 +532,13 @@ class EarthTruth(Truth):
         tau = self.elapsed(time)
         w_ib_b, f_b = self.sensed(tau)
         r_e = self.position(tau) + self.origin
-        lla = lla_from_earth(r_e)
-        q_en = quat_earth_from_level(lla)
+        lla = earth.lla_from_earth(r_e)
+        q_en = earth.quat_earth_from_level(lla)
         q_eb = self.attitude(tau)
         q_eb = q_eb / np.linalg.norm(q_eb, axis=1, keepdims=True)
         if self.turns is not None:
             q_eb = quat_multiply(q_eb, np.column_stack(self.turns(tau)[0]))
-        v_n = turned_back(_columns(q_en), components(self.position(tau, 1)))
+        v_n = turned_back(_columns(q_en), earth.components(self.position(tau, 1)))
         rph = rph_from_quat(quat_multiply(quat_conjugate(q_en), q_eb))
         return Kinematics(lla, np.column_stack(v_n), rph, np.column_stack(w_ib_b), np.column_stack(f_b))
 
@@ -573,7 +560,7 @@ def turned_back(q: Quaternion, vector: Vector) -> Vector:
 
 def gravity_e(x: FloatArray, y: FloatArray, z: FloatArray, gravity: Gravity) -> Vector:
     """Compute gravity including centrifugal acceleration in Earth-fixed axes [m/s^2], at Earth-fixed positions [m]."""
-    p, lat, height = geodetic(x, y, z)
+    p, lat, height = earth.geodetic(x, y, z)
     north, down = gravity_of(gravity, lat, height)
     s, c = np.sin(lat), np.cos(lat)
     outward = -c * down - s * north

@@ -17,8 +17,7 @@ from insnav.filter.delay_and_lever import Filtered, filtered
 from insnav.filter.innovation_likelihood import LONGEST
 from insnav.findings import Code, Finding
 from insnav.input import Reading
-from insnav.input.interpret.axes import axes_matrix
-from insnav.input.interpret.physics import check_axes, heading_convention, quiet_part, turns_with_course
+from insnav.input.interpret.physics import axes_matrix, check_axes, heading_convention, quiet_part, turns_with_course
 from insnav.kernels.smoother import STATE
 from insnav.steps import Estimate, Model, Recording, Source
 from insnav.steps.axes_by_fixes import WORDS, accel_reversed, mounting_of, refusal

@@ -15,7 +15,7 @@ import insnav
 from insnav.alignment import find_mounting
 from insnav.attitude import dcm_from_rph, wrap_pi
 from insnav.input import read_gps, read_imu
-from insnav.input.interpret.axes import axes_matrix
+from insnav.input.interpret.physics import axes_matrix
 from insnav.simulate import gps_from_truth, imu_from_truth, straight
 from insnav.strapdown import intervals
 from insnav.types import GpsData, ImuData

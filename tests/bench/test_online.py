@@ -8,7 +8,7 @@ from collections.abc import Callable
 import numpy as np
 
 import insnav
-from insnav.filter.engine import Engine
+from insnav.filter.estimate import Engine
 from insnav.types import GpsData, ImuData
 
 # Twenty microseconds a sample are two hundred a block, where a predict of 21 states by filterpy takes five. A block

@@ -13,7 +13,7 @@ from insnav.findings import Code
 from insnav.imu import correct, load_calibration
 from insnav.imu.model import ErrorTerms
 from insnav.input import read_imu
-from insnav.input.interpret.axes import axes_matrix
+from insnav.input.interpret.physics import axes_matrix
 from insnav.output.folder import read_facts
 from insnav.types import ImuData
 from tests.cli.conftest import Cli, findings_of, says

@@ -195,8 +195,8 @@ def test_every_fault_is_named_in_the_help_and_in_the_readme():
 
 
 def test_the_profile_of_the_readme_can_be_driven_and_every_segment_is_told(here: Path):
-    from insnav.simulate.gps_file import load_gps
     from insnav.simulate.motion.segments import SEGMENTS
+    from insnav.simulate.recording import load_gps
 
     readme = (ROOT / "trajectories" / "README.md").read_text()
     drive, receiver = (block.split("```")[0] for block in readme.split("```toml\n")[1:])

@@ -23,9 +23,16 @@ from insnav.findings import CONTRADICTIONS, NOT_MEASURED, Code, Finding, Severit
 from insnav.imu import load_imu
 from insnav.imu.specification import ImuSpec
 from insnav.input import read_gps, read_imu
-from insnav.simulate.gps_file import load_gps
 from insnav.simulate.motion import load_profile
-from insnav.simulate.recording import MOTION_STREAM, Recording, gps_drag, gps_jump, gps_spike, simulate_recording
+from insnav.simulate.recording import (
+    MOTION_STREAM,
+    Recording,
+    gps_drag,
+    gps_jump,
+    gps_spike,
+    load_gps,
+    simulate_recording,
+)
 from insnav.types import FloatArray, GpsData, ImuData, Trajectory
 from insnav.units import DEG
 from tests.filter import drives

@@ -138,7 +138,7 @@ def test_f9_archives_in_archives_and_of_very_many_files(tmp_path: Path, monkeypa
     path.write_bytes(nested)
     with refused(InputError, "format.nested_archives"):
         open_table(path)
-    monkeypatch.setattr("insnav.input.formats.unpack.MAX_FILES", 100)
+    monkeypatch.setattr("insnav.input.formats.source.MAX_FILES", 100)
     path.write_bytes(packed({f"{number}": b"" for number in range(101)}))
     with refused(InputError, "format.too_many_files"):
         open_table(path)

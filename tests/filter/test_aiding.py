@@ -12,7 +12,7 @@ from insnav.alignment.in_motion import Velocity, velocity
 from insnav.attitude import dcm_from_rph, quat_from_rotvec, quat_from_rph, quat_multiply, wrap_pi
 from insnav.earth import lla_offset, ned_offset
 from insnav.filter import FilterSettings, Navigator
-from insnav.filter.gps_correlation import CorrelatedNoise
+from insnav.filter.gps_noise import CorrelatedNoise
 from insnav.filter.measurements import measurements_from_drive
 from insnav.filter.measurements.measurement import FirstPass, Measurement
 from insnav.filter.measurements.sensors import NonHolonomic, ZeroVelocity, find_stops

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from insnav.exceptions import DivergenceError
-from insnav.filter.engine import MAX_REPAIRS, Engine
+from insnav.filter.estimate import MAX_REPAIRS, Engine
 
 N = 21
 
@@ -132,7 +132,7 @@ def test_the_covariance_handed_in_is_not_changed():
 
 def test_filterpy_is_loaded_without_most_of_scipy_until_a_function_needs_it():
     code = (
-        "import sys\nfrom insnav.filter.engine import KalmanFilter\n"
+        "import sys\nfrom insnav.filter.estimate import KalmanFilter\n"
         "assert not {'scipy.stats', 'scipy.ndimage', 'scipy.linalg', 'filterpy.stats'} & set(sys.modules)\n"
         "kalman = KalmanFilter(1, 1)\nkalman.H[:] = 1.0\nkalman.update(2.0)\n"
         "assert 'scipy.stats' not in sys.modules\nprint(kalman.log_likelihood)\n"

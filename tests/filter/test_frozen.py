@@ -16,9 +16,8 @@ from insnav.filter.navigate import navigate_recording
 from insnav.filter.prepare import DELAY_SD
 from insnav.findings import NOT_MEASURED, Code, Severity, of_code
 from insnav.imu import load_imu
-from insnav.simulate.gps_file import load_gps
 from insnav.simulate.motion import load_profile
-from insnav.simulate.recording import MOTION_STREAM, simulate_recording
+from insnav.simulate.recording import MOTION_STREAM, load_gps, simulate_recording
 from insnav.types import GpsData, ImuData
 from tests.filter import drives
 

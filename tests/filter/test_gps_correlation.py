@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from insnav.filter.gps_correlation import correlated_noise
+from insnav.filter.gps_noise import correlated_noise
 from insnav.simulate import GpsErrors, corrupt_gps, gps_from_truth
 from insnav.types import GpsData
 from insnav.units import DEG

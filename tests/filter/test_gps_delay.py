@@ -29,7 +29,7 @@ from insnav.kernels import errorstate
 from insnav.kernels.smoother import CORRECTION, STATE
 from insnav.session.simulation import plan_of, profiled
 from insnav.simulate import gps_from_truth
-from insnav.simulate.gps_file import load_gps
+from insnav.simulate.recording import load_gps
 from insnav.steps.given import LEVER_SD
 from insnav.types import FloatArray, GpsData, ImuData
 from tests import shared

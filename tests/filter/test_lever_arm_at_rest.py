@@ -12,7 +12,7 @@ from insnav.errors.metrics import position_errors
 from insnav.findings import Code, Severity, of_code
 from insnav.kernels.measurements import antenna, correct_with_arm
 from insnav.session.simulation import plan_of, profiled
-from insnav.simulate.gps_file import load_gps
+from insnav.simulate.recording import load_gps
 from insnav.units import DEG
 
 ARM = np.array([2.2, 0.5, -1.6])

@@ -11,7 +11,7 @@ import insnav
 from insnav.earth import lla_offset, ned_offset
 from insnav.filter import FilterSettings, error_model, noise_estimate
 from insnav.filter.gates import Gates
-from insnav.filter.gps_correlation import CorrelatedNoise
+from insnav.filter.gps_noise import CorrelatedNoise
 from insnav.filter.innovation_likelihood import LARGEST, InnovationLikelihood, thinned
 from insnav.filter.noise_estimate import NoiseEstimate
 from insnav.filter.noise_identification import NO_NOISE, identify_noise, known_likelihood, maximise, with_noise

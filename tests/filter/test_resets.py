@@ -12,7 +12,7 @@ from insnav.attitude import dcm_from_quat
 from insnav.earth import ned_offset
 from insnav.exceptions import InputError
 from insnav.filter import FilterSettings, Navigator
-from insnav.filter.engine import Engine
+from insnav.filter.estimate import Engine
 from insnav.filter.navigate import navigate_recording
 from insnav.filter.prepare import Start
 from insnav.findings import Code

@@ -16,7 +16,7 @@ from insnav.filter.measurements import kinds, measurements_from_drive
 from insnav.filter.measurements.measurement import FirstPass, clock_offset
 from insnav.findings import Code, Finding, of_code
 from insnav.imu.specification import ImuSpec
-from insnav.input.readers.sensor_log import read_sensor_log
+from insnav.input.readers.rows import read_sensor_log
 from insnav.session.drive import load
 from insnav.simulate import reference, without_fixes
 from insnav.types import SensorLog

@@ -17,14 +17,14 @@ from insnav.earth import lla_offset, ned_offset
 from insnav.errors.evaluated_run import EvaluatedRun, run_warnings
 from insnav.exceptions import InputError
 from insnav.filter import FilterSettings, initial_state
-from insnav.filter.gps_correlation import CorrelatedNoise
+from insnav.filter.gps_noise import CorrelatedNoise
 from insnav.filter.navigate import navigate_recording
 from insnav.filter.prepare import DELAY_SD, Start, prepare
 from insnav.findings import CONTRADICTIONS, Code, of_code
 from insnav.result import Result
 from insnav.session.simulation import plan_of, profiled
 from insnav.simulate import GpsErrors, Truth, corrupt_gps, reference
-from insnav.simulate.gps_file import load_gps
+from insnav.simulate.recording import load_gps
 from insnav.types import GpsData, ImuData, Run
 from insnav.units import DEG
 from tests.filter import drives

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from insnav.filter import FilterSettings, Navigator
-from insnav.filter.gps_correlation import CorrelatedNoise
+from insnav.filter.gps_noise import CorrelatedNoise
 from tests.filter import drives
 
 

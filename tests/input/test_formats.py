@@ -141,7 +141,7 @@ def test_compressed_files_that_are_cut_or_damaged_are_refused(tmp_path, pack):
 
 @pytest.mark.parametrize("pack", [lzma.compress, bz2.compress, PACKED["zstd"], PACKED["zip"]])
 def test_what_unpacks_to_too_much_is_refused(tmp_path, monkeypatch, pack):
-    monkeypatch.setattr("insnav.input.formats.unpack.RATIO_FROM", 1 << 20)
+    monkeypatch.setattr("insnav.input.formats.source.RATIO_FROM", 1 << 20)
     path = tmp_path / "bomb"
     path.write_bytes(pack(b"0," * (1 << 22)))
     with refused(InputError, "format.bomb"):

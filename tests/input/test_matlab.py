@@ -145,7 +145,7 @@ def links_7() -> bytes:
 @pytest.mark.parametrize("content", [zeros_5, zeros_7, links_7])
 def test_what_becomes_too_large_is_refused_before_memory_is_taken(save, monkeypatch, content):
     path = save(content())
-    monkeypatch.setattr("insnav.input.formats.unpack.RATIO_FROM", 1 << 24)
+    monkeypatch.setattr("insnav.input.formats.source.RATIO_FROM", 1 << 24)
     tracemalloc.start()
     with refused(InputError, "format.bomb"):
         read_imu(path)

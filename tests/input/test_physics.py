@@ -8,8 +8,7 @@ import pytest
 from insnav.exceptions import ConfigError, InputError
 from insnav.findings import Code, Severity
 from insnav.input import read_imu
-from insnav.input.interpret.axes import axes_matrix
-from insnav.input.interpret.physics import course_of, heading_convention, turns_with_course
+from insnav.input.interpret.physics import axes_matrix, course_of, heading_convention, turns_with_course
 from insnav.input.readers.imu import parse_units
 from tests.input.files import IMU_HEADER, G, noted, rolling, write
 from tests.refusals import refused

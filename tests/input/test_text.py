@@ -262,7 +262,7 @@ def test_escape_codes_do_not_reach_the_terminal(tmp_path):
 
 
 def test_a_gzip_bomb_is_refused(tmp_path, monkeypatch):
-    monkeypatch.setattr("insnav.input.formats.unpack.RATIO_FROM", 1 << 20)
+    monkeypatch.setattr("insnav.input.formats.source.RATIO_FROM", 1 << 20)
     with refused(InputError, "format.bomb"):
         _read(tmp_path / "imu.csv.gz", gzip.compress(b"0," * (1 << 22)))
 

@@ -12,10 +12,9 @@ from pyproj import Proj
 from insnav.attitude import wrap_pi
 from insnav.earth import lla_offset, ned_offset
 from insnav.exceptions import ConfigError, InputError
-from insnav.input.readers.epochs import read_epochs
-from insnav.output.body_motion import body_motion
-from insnav.output.map_projection import UTM_SCALE, transverse_mercator, utm_zone
+from insnav.input.readers.rows import read_epochs
 from insnav.output.solution_tables import write_run_table
+from insnav.output.track_files import UTM_SCALE, body_motion, transverse_mercator, utm_zone
 from insnav.session.export import export, track_of
 from insnav.types import Trajectory
 from tests.filter import drives

@@ -14,7 +14,7 @@ from insnav.errors.budget.from_windows import BudgetStudy
 from insnav.errors.budget.sources import at_rest
 from insnav.exceptions import InputError
 from insnav.findings import Code, Finding
-from insnav.output.stored import FILE, read_stored, store
+from insnav.output.data_files import FILE, read_stored, store
 from insnav.report.save import page_facts
 from insnav.result import Result, open_result
 from tests.errors.budget.imus import plain

@@ -38,9 +38,8 @@ from insnav.report.simulation.page import (
 )
 from insnav.session.simulation import Motion, Plan
 from insnav.simulate import circle, corrupt_imu, gps_from_truth, imu_from_truth, reference, straight
-from insnav.simulate.gps_file import load_gps
 from insnav.simulate.montecarlo import Failure, Runs
-from insnav.simulate.recording import Recording, times
+from insnav.simulate.recording import Recording, load_gps, times
 from tests.shared import verify_folder
 from tests.simulate.motions import PLACE, town
 

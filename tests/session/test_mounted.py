@@ -16,7 +16,7 @@ from insnav.attitude import dcm_from_rph, quat_from_rph, wrap_pi
 from insnav.exceptions import InputError
 from insnav.findings import OF_THE_IMU, Code, Finding, Severity, of_code
 from insnav.input import read_gps, read_imu
-from insnav.input.interpret.axes import axes_matrix
+from insnav.input.interpret.physics import axes_matrix
 from insnav.kernels.smoother import STATE
 from insnav.messages import sentence
 from insnav.simulate import GpsErrors

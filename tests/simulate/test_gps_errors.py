@@ -11,7 +11,7 @@ import pytest
 from insnav.earth import ned_offset
 from insnav.exceptions import ConfigError
 from insnav.simulate import GpsErrors, gps_from_truth, straight
-from insnav.simulate.gps_file import PRESETS, load_gps, to_toml
+from insnav.simulate.recording import PRESETS, load_gps, to_toml
 from insnav.simulate.sensor_errors import GpsSpec, RandomSpells, measure_gps
 from insnav.types import GpsData
 from tests.refusals import problems_of, refused

@@ -10,9 +10,9 @@ import pytest
 from insnav.earth import ned_offset
 from insnav.exceptions import ConfigError
 from insnav.imu import correct, load_imu
-from insnav.simulate.gps_file import load_gps
 from insnav.simulate.recording import (
     REFERENCE_RATE,
+    load_gps,
     parse_fault,
     perfect_imu,
     simulate_recording,

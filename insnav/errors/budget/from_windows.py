@@ -26,7 +26,7 @@ from insnav.errors.outage.free_inertial import NavigatedDrive, StartChoice, Wind
 from insnav.errors.outage.gnss_outage import Growth, Regression, by_motion, growth, regression, table_times
 from insnav.exceptions import ConfigError, InputError
 from insnav.filter.error_model import ErrorModel, InitialState
-from insnav.filter.gps_correlation import CorrelatedNoise
+from insnav.filter.gps_noise import CorrelatedNoise
 from insnav.filter.prepare import Prepared
 from insnav.findings import Code, Finding
 from insnav.imu import ImuSpec, SensorSpec

@@ -20,9 +20,8 @@ from typing import Any
 from insnav.exceptions import InputError
 from insnav.findings import Code, Finding
 from insnav.input.formats import delimited_text
-from insnav.input.formats.source import Source, decoded
+from insnav.input.formats.source import Source, decoded, refuse_bomb
 from insnav.input.formats.table import Table
-from insnav.input.formats.unpack import refuse_bomb
 from insnav.input.interpret.columns import key_of
 from insnav.input.interpret.schema import IMU_SCHEMA
 from insnav.plain_text import plain_text

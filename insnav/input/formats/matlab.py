@@ -36,9 +36,8 @@ from insnav.input.formats.conventions import (
     deviations,
     triad,
 )
-from insnav.input.formats.source import Source
+from insnav.input.formats.source import Source, refuse_bomb
 from insnav.input.formats.table import Table, column_table
-from insnav.input.formats.unpack import refuse_bomb
 from insnav.plain_text import plain_text
 from insnav.types import FloatArray
 from insnav.units import DEG

@@ -9,10 +9,9 @@ from insnav import spill
 from insnav.deferred import library
 from insnav.exceptions import InputError
 from insnav.input.formats.conventions import damaged
-from insnav.input.formats.source import Source
+from insnav.input.formats.source import Source, refuse_bomb
 from insnav.input.formats.table import Numbers, Table, arrow_floats
 from insnav.input.formats.text_values import seconds_of_stamps
-from insnav.input.formats.unpack import refuse_bomb
 from insnav.plain_text import plain_text
 
 pa = library("pyarrow")

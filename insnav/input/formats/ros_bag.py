@@ -20,18 +20,7 @@ from insnav.attitude import dcm_from_quat, quat_from_dcm, rph_from_quat
 from insnav.earth import earth_from_lla, level_from_earth, lla_from_earth
 from insnav.exceptions import InputError
 from insnav.findings import Code, Finding
-from insnav.input.formats.conventions import (
-    ACCEL,
-    ATTITUDE,
-    GYRO,
-    PLACE,
-    VELOCITY,
-    damaged,
-    deviations,
-    fix_table,
-    triad,
-    up_or_down,
-)
+from insnav.input.formats import conventions
 from insnav.input.formats.messages import joined
 from insnav.input.formats.source import Source, digest_of, on_disk
 from insnav.input.formats.table import Table, column_table
@@ -108,7 +97,7 @@ def recognise(source: Source) -> bool:
 def read(source: Source) -> Mapping[str, Table]:
     topics: dict[str, _Topic] = {}
     others: set[str] = set()
-    with damaged("format.bag_damaged", source):
+    with conventions.damaged("format.bag_damaged", source):
         for reader, ros2 in _readers(source):
             wanted = [each for each in reader.connections if each.msgtype in _KINDS]
             others |= {f"{each.topic} ({each.msgtype})" for each in reader.connections if each.msgtype not in _KINDS}
@@ -220,29 +209,29 @@ def _times(table: FloatArray, notes: list[Finding]) -> FloatArray:
 def _samples(source: Source, table: FloatArray, notes: list[Finding]) -> Table:
     columns = {"time_s": _times(table, notes)}
     rates, forces = table[:, 8 + 9 : 8 + 9 + 3], table[:, 8 + 9 + 3 + 9 : 8 + 9 + 3 + 9 + 3]
-    columns |= triad(GYRO, rates) | triad(ACCEL, forces)
-    axes = up_or_down(forces[:, 2], "FLU")
+    columns |= conventions.triad(conventions.GYRO, rates) | conventions.triad(conventions.ACCEL, forces)
+    axes = conventions.up_or_down(forces[:, 2], "FLU")
     if axes != "FLU":
         notes.append(Finding.of(Code.READ_IMU_Z_DOWN, axes=axes))
     return column_table(source, columns, notes, row="message", axes=axes)
 
 
 def _fixes(source: Source, table: FloatArray, velocities: Mapping[str, FloatArray], notes: list[Finding]) -> Table:
-    columns = {"time_s": _times(table, notes), **triad(PLACE, table[:, 4:7])}
+    columns = {"time_s": _times(table, notes), **conventions.triad(conventions.PLACE, table[:, 4:7])}
     known = table[:, 3] > 0.0
     if known.any():
         with np.errstate(invalid="ignore"):  # rows are East, North, Up
             sd = np.where(known[:, None], np.sqrt(table[:, [11, 7, 15]]), np.nan)
-        columns |= deviations(sd, "sd_{}_m")
+        columns |= conventions.deviations(sd, "sd_{}_m")
         if (table[known, 3] == 1.0).any():
             notes.append(Finding.of(Code.READ_SD_APPROXIMATE))
     for key, speeds in velocities.items():
         v = joined(table[:, 0], speeds[:, 0], speeds[:, 4:7])
         if np.isfinite(v[:, 0]).sum() > 0.9 * len(v):
-            columns |= triad(VELOCITY, v[:, [1, 0, 2]] * [1.0, 1.0, -1.0])
+            columns |= conventions.triad(conventions.VELOCITY, v[:, [1, 0, 2]] * [1.0, 1.0, -1.0])
             notes.append(Finding.of(Code.READ_VELOCITY_TOPIC, subject=plain_text(key)))
             break
-    return fix_table(source, columns, table[:, 2], _STATUS, notes, row="messages")
+    return conventions.fix_table(source, columns, table[:, 2], _STATUS, notes, row="messages")
 
 
 def _laid_on(source: Source, table: FloatArray, fixes: Table, topic: str) -> tuple[Table | None, Finding]:
@@ -270,14 +259,14 @@ def _laid_on(source: Source, table: FloatArray, fixes: Table, topic: str) -> tup
     place = np.exp(1j * turn) * (numbers[:, 0] + 1j * numbers[:, 1]) + shift
     down = there[inside, 2].mean() + own[:, 2].mean() - numbers[:, 2]
     lla = lla_from_earth(earth_from_lla(origin) + np.column_stack([place.imag, place.real, down]) @ to_earth.T)
-    columns = {"time_s": stamp, **triad(PLACE, lla / [DEG, DEG, 1.0])}
+    columns = {"time_s": stamp, **conventions.triad(conventions.PLACE, lla / [DEG, DEG, 1.0])}
     if (np.abs(np.linalg.norm(numbers[:, 3:7], axis=1) - 1.0) < 0.1).all():
         c, s = np.cos(turn), np.sin(turn)
         to_ned = np.array([[s, c, 0.0], [c, -s, 0.0], [0.0, 0.0, -1.0]])  # rotation with East, North, Up converted
         level = level_from_earth(lla) @ to_earth
         c_nb = level @ to_ned @ dcm_from_quat(numbers[:, [6, 3, 4, 5]]) @ np.diag(_FLU)
         rph = rph_from_quat(quat_from_dcm(c_nb)) / DEG
-        columns |= triad(VELOCITY, np.einsum("nij,nj->ni", c_nb, numbers[:, 43:46] * _FLU))
-        columns |= triad(ATTITUDE, np.column_stack([rph[:, :2], rph[:, 2] % 360.0]))
+        columns |= conventions.triad(conventions.VELOCITY, np.einsum("nij,nj->ni", c_nb, numbers[:, 43:46] * _FLU))
+        columns |= conventions.triad(conventions.ATTITUDE, np.column_stack([rph[:, :2], rph[:, 2] % 360.0]))
     note = Finding.of(Code.READ_ODOMETRY_PLACED, subject=topic, distance_m=apart, limit_m=_APART, angle_rad=-turn)
     return column_table(source, columns, [note], row="message"), note

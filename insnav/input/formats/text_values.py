@@ -1,6 +1,6 @@
 """Text cells that represent numbers: dates, times of day, angles with a hemisphere.
 
-Dates become seconds of a GPS week, as in `insnav.input.formats.time_scales`; times of day seconds since midnight.
+Dates become seconds of a GPS week, as in `insnav.input.formats.conventions`; times of day seconds since midnight.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ import numpy as np
 from insnav.deferred import library
 from insnav.exceptions import InputError
 from insnav.findings import Code, Finding
-from insnav.input.formats.time_scales import GpsTime, gps_days, seconds_of_week, unix_days
+from insnav.input.formats.conventions import GpsTime, gps_days, seconds_of_week, unix_days
 from insnav.plain_text import plain_text
 from insnav.types import FloatArray
 

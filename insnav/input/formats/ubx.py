@@ -16,12 +16,10 @@ from numpy.typing import NDArray
 
 from insnav.exceptions import InputError
 from insnav.findings import Code, Finding
-from insnav.input.formats import nmea
-from insnav.input.formats.conventions import ACCEL, GYRO, by_accuracy, deviations, fix_table, up_or_down
+from insnav.input.formats import conventions, nmea
 from insnav.input.formats.messages import Framing, Messages, at_times, joined, layout
 from insnav.input.formats.source import Source
 from insnav.input.formats.table import Table, column_table
-from insnav.input.formats.time_scales import WEEK, WEEK_DAYS, GpsTime, gps_days, leap_seconds, seconds_of_week
 from insnav.types import BoolArray, FloatArray
 from insnav.units import DEG
 
@@ -135,9 +133,9 @@ def _fixes(source: Source, found: Mapping[str, _Found], base: str, notes: list[F
     rows, key = main.rows, main.key
     names = rows.dtype.names or ()
     week = _week(rows) if "year" in names else _joined_week(key, found)
-    time, note, first = GpsTime(1e-3 * key, Finding.of(Code.READ_TIME_UNKNOWN_WEEK), None)
+    time, note, first = conventions.GpsTime(1e-3 * key, Finding.of(Code.READ_TIME_UNKNOWN_WEEK), None)
     if np.isfinite(week).all():
-        time, note, first = seconds_of_week(WEEK_DAYS * week, 1e-3 * key)
+        time, note, first = conventions.seconds_of_week(conventions.WEEK_DAYS * week, 1e-3 * key)
     fused = Finding.of(Code.READ_FUSED, fix_type=4) if "heading" in names else None
     columns = {"time_s": time, **_position(rows)}
     hp = found["HPPOSLLH"]
@@ -155,7 +153,9 @@ def _fixes(source: Source, found: Mapping[str, _Found], base: str, notes: list[F
     carrier = (flags.astype(np.int64) >> 6) & 3 if base in ("PVT", "PVAT") else np.zeros(len(key), dtype=np.int64)
     kinds = np.select([carrier == 2, carrier == 1, flags & 2 == 2], [1, 2, 4], 5)
     types = {each: float(each) for each in (1, 2, 4, 5)}
-    table = fix_table(source, columns, kinds, types, [note, *notes, fused], good=usable, row=f"NAV-{base}", week=first)
+    table = conventions.fix_table(
+        source, columns, kinds, types, [note, *notes, fused], good=usable, row=f"NAV-{base}", week=first
+    )
     return table, _Clock(time, main.at, first)
 
 
@@ -164,11 +164,11 @@ def _week(rows: NDArray[Any]) -> FloatArray:
     valid = (rows["valid"] & 1 == 1) & (rows["year"] > 1979) & (rows["month"] >= 1) & (rows["month"] <= 12)
     week = np.full(len(rows), np.nan)
     part = rows[valid]
-    day = gps_days(*(part[key].astype(np.float64) for key in ("year", "month", "day")))
+    day = conventions.gps_days(*(part[key].astype(np.float64) for key in ("year", "month", "day")))
     second = 3600.0 * part["hour"] + 60.0 * part["min"] + part["sec"]
     # time of the week is exact; the date, rounded near midnight, only identifies the week
-    since = day * 86_400.0 + second + leap_seconds(day, second)
-    week[valid] = np.round((since - 1e-3 * part["iTOW"]) / WEEK)
+    since = day * 86_400.0 + second + conventions.leap_seconds(day, second)
+    week[valid] = np.round((since - 1e-3 * part["iTOW"]) / conventions.WEEK)
     return _filled(week, rows["iTOW"].astype(np.float64))
 
 
@@ -197,7 +197,7 @@ def _position(rows: NDArray[Any]) -> dict[str, FloatArray]:
         "lat_deg": 1e-7 * (rows["lat"] + part["lat"]),
         "lon_deg": 1e-7 * (rows["lon"] + part["lon"]),
         "height_m": 1e-3 * rows["height"] + (1e-4 * rows["heightHp"] if fine else 0.0),
-        **by_accuracy(rows["hAcc"] * unit, rows["vAcc"] * unit),
+        **conventions.by_accuracy(rows["hAcc"] * unit, rows["vAcc"] * unit),
     }
     if not fine:
         return found
@@ -208,14 +208,14 @@ def _position(rows: NDArray[Any]) -> dict[str, FloatArray]:
 def _speed(rows: NDArray[Any], unit: float) -> dict[str, FloatArray]:
     found = {f"v{axis}_m_s": unit * rows[f"vel{axis.upper()}"] for axis in "ned"}
     side = unit * rows["sAcc"] / np.sqrt(2.0)  # accuracy of the ground speed
-    return found | deviations(np.column_stack([side] * 3), "sd_v{}_m_s")
+    return found | conventions.deviations(np.column_stack([side] * 3), "sd_v{}_m_s")
 
 
 def _covariances(rows: NDArray[Any]) -> dict[str, FloatArray]:
     found: dict[str, FloatArray] = {}
     for kind, names in (("pos", "sd_{}_m"), ("vel", "sd_v{}_m_s")):
         variance = np.column_stack([rows[f"{kind}{axis}"].astype(np.float64) for axis in ("NN", "EE", "DD")])
-        found |= deviations(np.sqrt(np.where(rows[f"{kind}Valid"][:, None] == 1, variance, np.nan)), names)
+        found |= conventions.deviations(np.sqrt(np.where(rows[f"{kind}Valid"][:, None] == 1, variance, np.nan)), names)
     return found
 
 
@@ -243,7 +243,7 @@ def _samples(source: Source, messages: Mapping[int, Messages], clock: _Clock) ->
         columns, tags, places = _sensors(tag, value, sensor, at)
         if columns:
             time, note = _sensor_time(tags, places, clock, raw=label == "ESF-RAW")
-            axes = up_or_down(columns[ACCEL[2]], "FLU")
+            axes = conventions.up_or_down(columns[conventions.ACCEL[2]], "FLU")
             return column_table(source, {"time_s": time, **columns}, (note,), row=label, axes=axes, week=clock.week)
     return None
 
@@ -277,7 +277,7 @@ def _measurements(messages: Messages, *, raw: bool) -> tuple[Any, Any, Any, Any]
 
 def _sensors(tag: Any, value: Any, sensor: Any, at: Any) -> tuple[dict[str, FloatArray], FloatArray, Any]:
     """Arrange the six sensors at the time tags of the first gyro; empty if one is missing."""
-    names = dict(zip((*_GYRO_TYPES, *_ACCEL_TYPES), GYRO + ACCEL, strict=True))
+    names = dict(zip((*_GYRO_TYPES, *_ACCEL_TYPES), conventions.GYRO + conventions.ACCEL, strict=True))
     if not all((sensor == each).any() for each in names):
         return {}, np.empty(0), np.empty(0, dtype=np.int64)
     first = sensor == _GYRO_TYPES[0]

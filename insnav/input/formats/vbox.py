@@ -16,12 +16,11 @@ from collections.abc import Mapping
 import numpy as np
 
 from insnav.exceptions import InputError
-from insnav.input.formats.conventions import MSL_PLACE, fix_table, of_course, triad
+from insnav.input.formats import conventions
 from insnav.input.formats.delimited_text import TextCells
 from insnav.input.formats.source import Source, decoded, text_of
 from insnav.input.formats.table import ArrayCells, Table
 from insnav.input.formats.text_dialect import Dialect
-from insnav.input.formats.time_scales import DAY, GpsTime, gps_days, seconds_of_week
 from insnav.input.interpret.columns import find_unit, is_header
 from insnav.input.interpret.schema import ALL_UNITS, IMU_SCHEMA, compact
 from insnav.plain_text import plain_text
@@ -55,22 +54,24 @@ def read(source: Source) -> Mapping[str, Table]:
     numbers = cells.read(range(len(names)))
     own = dict(zip(words, numbers.columns.values(), strict=True))
     sats, clock = own["sats"], own["time"]
-    second = np.unwrap(clock // 10_000 * 3600.0 + clock // 100 % 100 * 60.0 + clock % 100, period=DAY)
-    time = GpsTime(second, None, None)
+    second = np.unwrap(clock // 10_000 * 3600.0 + clock // 100 % 100 * 60.0 + clock % 100, period=conventions.DAY)
+    time = conventions.GpsTime(second, None, None)
     if (created := _CREATED.search(parts[0])) is not None:
-        day = gps_days(*(np.array([float(each)]) for each in reversed(created.groups())))
-        time = seconds_of_week(np.full(len(second), day[0]), second, "UTC")
+        day = conventions.gps_days(*(np.array([float(each)]) for each in reversed(created.groups())))
+        time = conventions.seconds_of_week(np.full(len(second), day[0]), second, "UTC")
     unknown = np.full(len(second), np.nan)
     place = np.column_stack([own["lat"] / 60.0, -own["long"] / 60.0, own.get("height", unknown)])
-    columns = {"time_s": time.time, **triad(MSL_PLACE, place)}
+    columns = {"time_s": time.time, **conventions.triad(conventions.MSL_PLACE, place)}
     if {"velocity", "heading"} <= own.keys():
         stated = (re.search(name + rb"[ \t]+(\S+)", sections.get(b"header", b"")) for name in _VELOCITIES)
         units = (find_unit(unit[1].decode("latin-1"), "velocity") if unit else None for unit in stated)
         speed, climb = (ALL_UNITS[unit or "km/h"][1] for unit in units)
         up = own.get("vertvel", own.get("verticalvelocity", unknown))
-        columns |= of_course(own["velocity"] * speed, own["heading"], -climb * up)
+        columns |= conventions.of_course(own["velocity"] * speed, own["heading"], -climb * up)
     kind, good = (sats >= _DGPS).astype(np.int64), np.isfinite(sats) & (sats % _BRAKE > 0.0)
-    fixes = fix_table(source, columns, kind, _TYPES, [time.note], good=good, row="row", cut=numbers.cut, week=time.week)
+    fixes = conventions.fix_table(
+        source, columns, kind, _TYPES, [time.note], good=good, row="row", cut=numbers.cut, week=time.week
+    )
     tables = {"gps": fixes}
     channels = sections.get(b"channel units", b"").strip(b"\r\n").decode("latin-1").split("\n")
     units_of = [*[""] * (len(names) - len(channels)), *map(str.strip, channels)][-len(names) :]

@@ -18,9 +18,8 @@ import numpy as np
 from insnav.earth import level_from_earth, lla_from_earth
 from insnav.exceptions import InputError
 from insnav.findings import Code, Finding
-from insnav.input.formats.conventions import PLACE, VELOCITY
+from insnav.input.formats.conventions import PLACE, VELOCITY, Scale, gps_days, seconds_of_week
 from insnav.input.formats.table import Cells, Numbers, Table
-from insnav.input.formats.time_scales import Scale, gps_days, seconds_of_week
 from insnav.input.interpret.columns import key_of
 from insnav.input.interpret.schema import IMU_SCHEMA, compact
 from insnav.types import BoolArray, FloatArray, IntArray

@@ -17,19 +17,9 @@ from insnav.imu.model import RawScale
 from insnav.input.formats.conventions import number_in
 from insnav.input.formats.registry import open_table
 from insnav.input.formats.table import Table
-from insnav.input.interpret.axes import axes_matrix
+from insnav.input.interpret import physics
 from insnav.input.interpret.clean import IMU_KINDS
-from insnav.input.interpret.columns import Found, agrees, find_unit, require, understand
-from insnav.input.interpret.headerless import imu_columns, is_headerless
-from insnav.input.interpret.physics import (
-    check_axes,
-    find_accel_unit,
-    find_gyro_unit,
-    odd_one,
-    quiet_part,
-    stated_unit,
-    turn_ratio,
-)
+from insnav.input.interpret.columns import Found, agrees, find_unit, imu_columns, is_headerless, require, understand
 from insnav.input.interpret.schema import ALL_UNITS, GPS_SCHEMA, IMU_SCHEMA, Quantity
 from insnav.input.readers.reading import Reading
 from insnav.input.readers.rows import read_rows
@@ -105,7 +95,7 @@ def read_imu(
     table = open_table(path, "imu")
     by_format = not axes and table.axes
     axes = axes or table.axes or None
-    matrix = axes_matrix(axes or "FRD")
+    matrix = physics.axes_matrix(axes or "FRD")
     name = table.name
     scales = {**(raw_scales or {}), **_count_scales(units)}
     schema = _raw_schema(scales)
@@ -137,7 +127,7 @@ def read_imu(
     for key in {*gyro_keys, *accel_keys} - {*there}:
         cleaned.columns[key] = np.full(len(time), np.nan)
     scale = 1.0 / cleaned.interval if increments else 1.0
-    one = odd_one([cleaned.columns[key] for key in gyro_keys])
+    one = physics.odd_one([cleaned.columns[key] for key in gyro_keys])
     odd = "" if one is None else found[gyro_keys[one]].header
     gyro = _in_body(cleaned.columns, gyro_keys, matrix)
     accel = _in_body(cleaned.columns, accel_keys, matrix if accel_sign != "minus-force" else -matrix)
@@ -149,15 +139,15 @@ def read_imu(
             gyro, accel, stated, interval=cleaned.interval, increments=increments, where=name
         )
     else:
-        quiet = quiet_part(gyro, accel, interval=cleaned.interval, scale=scale)
-        accel_unit, accel_evidence = find_accel_unit(
+        quiet = physics.quiet_part(gyro, accel, interval=cleaned.interval, scale=scale)
+        accel_unit, accel_evidence = physics.find_accel_unit(
             quiet, stated["accel"], interval=cleaned.interval, increments=increments, where=name
         )
-        ratio, correlation = turn_ratio(time, gyro, accel)
-        gyro_unit, gyro_evidence = find_gyro_unit(
+        ratio, correlation = physics.turn_ratio(time, gyro, accel)
+        gyro_unit, gyro_evidence = physics.find_gyro_unit(
             quiet, ratio / scale, correlation, stated["gyro"], increments=increments, where=name, odd=odd
         )
-        axes_evidence = check_axes(quiet, axes, where=name, any_way=any_way or some, by_format=bool(by_format))
+        axes_evidence = physics.check_axes(quiet, axes, where=name, any_way=any_way or some, by_format=bool(by_format))
         units_evidence = (gyro_evidence, accel_evidence, axes_evidence)
     for array, unit in ((gyro, gyro_unit), (accel, accel_unit)):
         if ALL_UNITS[unit][1] != 1.0:
@@ -301,10 +291,14 @@ def _units_of_some(
     accel_unit, gyro_unit = stated["accel"] or ("m/s" if increments else "m/s^2"), stated["gyro"] or usual
     scale = 1.0 / interval if increments else 1.0
     if not np.isnan(accel).any():
-        quiet = quiet_part(np.zeros_like(accel), accel, interval=interval, scale=scale)
-        unit, found = find_accel_unit(quiet, stated["accel"], interval=interval, increments=increments, where=where)
+        quiet = physics.quiet_part(np.zeros_like(accel), accel, interval=interval, scale=scale)
+        unit, found = physics.find_accel_unit(
+            quiet, stated["accel"], interval=interval, increments=increments, where=where
+        )
         return gyro_unit, unit, (found,)
-    notes = [stated_unit(key, unit) for key, unit in (("gyros", stated["gyro"]), ("force", stated["accel"])) if unit]
+    notes = [
+        physics.stated_unit(key, unit) for key, unit in (("gyros", stated["gyro"]), ("force", stated["accel"])) if unit
+    ]
     if not stated["gyro"] and not np.isnan(gyro).all():
         largest = scale * float(np.nanmax(np.abs(gyro)))
         factor = ALL_UNITS[usual][1] / ALL_UNITS[other][1]

@@ -11,8 +11,7 @@ from insnav.exceptions import InputError, InsnavError
 from insnav.input.formats.recording_folder import NAMES, NO_DATA
 from insnav.input.formats.registry import open_tables
 from insnav.input.formats.table import Table
-from insnav.input.interpret.columns import agrees, key_of
-from insnav.input.interpret.headerless import imu_columns, is_headerless, position_columns
+from insnav.input.interpret.columns import agrees, imu_columns, is_headerless, key_of, position_columns
 from insnav.input.interpret.schema import GPS_SCHEMA, IMU_SCHEMA, REFERENCE_SCHEMA, Quantity
 
 _LOOKED_AT = 100  # files examined to suggest candidates

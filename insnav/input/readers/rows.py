@@ -1,9 +1,11 @@
-"""Common part of all readers: time in seconds, cleaned rows, and their interpretation."""
+"""Common part of all readers: time in seconds, cleaned rows, their interpretation; logs of sensors, epochs of poses."""
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any, TypeVar
 
 import numpy as np
@@ -11,14 +13,17 @@ import numpy as np
 from insnav import spill
 from insnav.exceptions import InputError
 from insnav.findings import Code, Finding
+from insnav.input.formats.registry import open_table
+from insnav.input.formats.source import open_source
 from insnav.input.formats.table import Table
+from insnav.input.formats.text_dialect import is_comment
 from insnav.input.formats.text_values import TextValues, with_date
 from insnav.input.interpret.clean import Cleaned, Kinds, clean
-from insnav.input.interpret.columns import Found
+from insnav.input.interpret.columns import Found, require, understand
 from insnav.input.interpret.physics import clock_digits, find_time_unit
-from insnav.input.interpret.schema import ALL_UNITS
+from insnav.input.interpret.schema import ALL_UNITS, LOG_SCHEMAS
 from insnav.input.readers.reading import Reading, ReadingFacts
-from insnav.types import BoolArray, FloatArray, Sampling, Stamp
+from insnav.types import BoolArray, FloatArray, Sampling, SensorLog, Stamp
 
 T = TypeVar("T")
 
@@ -169,3 +174,66 @@ def _refuse_texts(forms: Mapping[str, TextValues], found: Mapping[str, Found], t
         if form not in _FORMS.get(key, ()):
             values: dict[str, Any] = {"column": found[key].header, "form": form, "quantity": key, "option": "--columns"}
             raise InputError("input.text_column", where=table.place(0, found[key].index), **values)
+
+
+_SLOWEST = 45.0  # a longer interval means another unit than seconds [s]
+
+
+def read_sensor_log(path: str | Path | Table, name: str) -> Reading[SensorLog]:
+    """Read the log of a further sensor.
+
+    `path`: a data file of any supported format; the IMU file may contain columns of another sensor, too. `name`: the
+    sensor, one of `LOG_SCHEMAS`, such as ``speedometer`` with columns ``time_s, speed_m_s`` and optionally ``sd_m_s``.
+    Raises: InputError: the file cannot be used.
+    """
+    schema, alternatives = LOG_SCHEMAS[name]
+    table = open_table(path, name)
+    found, notes = understand(table.headers, table.units, schema, where=table.name)
+    wanted = next((each for each in alternatives if set(each) <= set(found)), alternatives[-1])
+    require(found, ("time", *wanted), table, schema)
+    kinds = Kinds("rows", name, 0, 3, gaps=False)
+    keys = ("time", *wanted, *(["sd"] if "sd" in found else []))
+    rows = read_rows(table, found, keys, kinds, slowest=_SLOWEST)
+    cleaned = rows.clean(~np.isfinite(rows.columns["time"]), Code.ROWS_NO_TIME)
+    values = {key: cleaned.columns[key] * found[key].factor for key in keys[1:]}
+    read = {found[key].quantity.name: found[key].describe(rows.time_unit if key == "time" else None) for key in keys}
+    return rows.reading(name, SensorLog(name, cleaned.columns["time"], values), cleaned, read, notes)
+
+
+_CLOSEST = 4e-6  # closer epochs are one row of a solution [s]
+
+
+def read_epochs(path: str | Path) -> FloatArray:
+    """Read increasing epochs [s] from the first column of a text file.
+
+    Header lines before the first number, empty lines and comments are skipped.
+    Raises: InputError: no epochs, a cell that is not a number, or epochs that do not increase.
+    """
+    source = open_source(path)
+    found: list[float] = []
+    for number, line in enumerate(bytes(source.data).decode("utf-8", "replace").lstrip("\ufeff").splitlines(), 1):
+        cell = re.split(r"[,;\s]", line.strip(), maxsplit=1)[0].strip('"')
+        if not cell or is_comment(line):
+            continue
+        try:
+            found.append(float(cell))
+        except ValueError:
+            if found:
+                raise InputError("input.no_epoch", where=f"{source.name}:{number}", text=cell[:40]) from None
+    return as_epochs(found, source.name)
+
+
+def as_epochs(times: object, where: str) -> FloatArray:
+    """Check epochs [s]: at least one, finite and increasing.
+
+    Raises: InputError: they are not.
+    """
+    epochs = np.asarray(times, dtype=np.float64)
+    if epochs.ndim != 1 or not epochs.size:
+        raise InputError("input.no_epochs", where=where)
+    wrong = ~np.isfinite(epochs)
+    wrong[1:] |= ~(np.diff(epochs) > _CLOSEST)
+    if wrong.any():
+        row = int(np.argmax(wrong))
+        raise InputError("input.epochs_backward", where=where, row=row + 1, time_s=float(epochs[row]))
+    return epochs

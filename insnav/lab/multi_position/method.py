@@ -25,7 +25,7 @@ from insnav.exceptions import ConfigError, InputError, reason_of
 from insnav.findings import Code, Finding
 from insnav.imu.model import ErrorTerms, ImuErrors, RawScale
 from insnav.input.formats.table import Table
-from insnav.input.interpret.axes import axes_matrix
+from insnav.input.interpret.physics import axes_matrix
 from insnav.input.readers.imu import read_imu
 from insnav.input.readers.reading import Reading, ReadingFacts
 from insnav.lab.calibration import BenchOptions, Calibration, CalibrationSd, badly_conditioned, few, warming

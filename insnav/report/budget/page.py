@@ -18,10 +18,10 @@ from insnav.findings import Code, Finding
 from insnav.imu import ImuSpec
 from insnav.imu.imu_file import to_toml
 from insnav.messages import phrase, sentence
+from insnav.output.data_files import FILE as FOUND
+from insnav.output.data_files import read_stored, store
 from insnav.output.folder import RunFolder
 from insnav.output.solution_tables import TableFormat
-from insnav.output.stored import FILE as FOUND
-from insnav.output.stored import read_stored, store
 from insnav.quantity import Quantity
 from insnav.report.budget import quantities
 from insnav.report.budget import windows as recorded

@@ -115,7 +115,7 @@ def model_texts(plan: Plan) -> dict[str, str]:
     if plan.imu is not None:
         texts["imu.toml"] = to_toml(plan.imu)
     if plan.gps is not None:
-        from insnav.simulate import gps_file as gps_config  # imports pydantic
+        from insnav.simulate import recording as gps_config
 
         texts["gps.toml"] = gps_config.to_toml(plan.gps)
     return texts

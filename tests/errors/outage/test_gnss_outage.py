@@ -13,7 +13,7 @@ from insnav.errors.outage import gnss_outage
 from insnav.errors.outage.gnss_outage import RECOVERY, outage_growth, outages
 from insnav.exceptions import ConfigError, InputError
 from insnav.filter import FilterSettings
-from insnav.filter.gps_correlation import CorrelatedNoise
+from insnav.filter.gps_noise import CorrelatedNoise
 from insnav.filter.navigate import feed
 from insnav.filter.prepare import Prepared
 from insnav.simulate import reference, without_fixes
