@@ -21,19 +21,11 @@ from insnav.input.interpret.columns import require, understand
 from insnav.input.interpret.schema import IMU_SCHEMA, Quantity
 from insnav.input.readers.imu import SLOWEST_ALONE
 from insnav.input.readers.rows import read_rows
+from insnav.lab import calibration
 from insnav.lab.acceptance import Acceptance
 from insnav.lab.acceptance import acceptance as acceptance_figures
 from insnav.lab.bench_data import read_drift, read_powerups, read_static, read_steps
-from insnav.lab.calibration import (
-    STANDARD,
-    BenchInputs,
-    BenchOptions,
-    Calibration,
-    badly_conditioned,
-    carried_over,
-    method_named,
-    navigation_impact,
-)
+from insnav.lab.calibration import BenchInputs, BenchOptions, Calibration
 from insnav.lab.drift import DriftStudy, drift_study
 from insnav.lab.noise.allan import between
 from insnav.lab.noise.static_noise import SignalNoise, StaticNoise, signal_noise, static_noise
@@ -94,7 +86,7 @@ def calibrate(
         A file cannot be used, or does not determine the result.
     """
     started = stage or (lambda name: None)
-    module = method_named(method)
+    module = calibration.method_named(method)
     how = BenchOptions(**options)
     started("reading")
     record = (
@@ -108,12 +100,12 @@ def calibrate(
     found = module.fit(record, how)
     if found.errors is not None:
         started("navigating")
-        impact = navigation_impact(found.sensed or found.errors, found.sd)
+        impact = calibration.navigation_impact(found.sensed or found.errors, found.sd)
         other = None if add is None else load_calibration(add)
         kept = "gyro" if method == "accel" else "accel"
-        errors = found.errors if other is None else carried_over(found.errors, other, kept)
+        errors = found.errors if other is None else calibration.carried_over(found.errors, other, kept)
         found = replace(found, errors=errors, impact=impact)
-    chosen = {name: value for name, value in asdict(how).items() if value != getattr(STANDARD, name)}
+    chosen = {name: value for name, value in asdict(how).items() if value != getattr(calibration.STANDARD, name)}
     return Result("calibration", found, options={"method": method, "add": add, **chosen}, findings=found.warnings)
 
 
@@ -291,7 +283,7 @@ def acceptance(
     found = acceptance_figures(measured, rest, repeated, sorted(set(lengths)))
     fits = {each.axis: each.scale.table.fit for each in found.sensors if each.scale is not None}
     options = {"lengths": lengths, "columns": columns, "spike_limit": spike_limit}
-    findings = _each_once(found.warnings, badly_conditioned(fits), found.notes)
+    findings = _each_once(found.warnings, calibration.badly_conditioned(fits), found.notes)
     return Result("acceptance", found, options=options, findings=findings)
 
 
@@ -322,7 +314,7 @@ def drift(file: Given, *, columns: Mapping[str, str] | None = None) -> Result[Dr
     record, table = read_drift(samples_source(file, None), columns)
     found = replace(drift_study(record), file=table.file)
     fits = {f"gyro {each.model.axis}": each.model.fit for each in found.gyros}
-    findings = _each_once(found.warnings, badly_conditioned(fits), found.notes)
+    findings = _each_once(found.warnings, calibration.badly_conditioned(fits), found.notes)
     return Result("drift", found, options={"columns": columns}, findings=findings)
 
 

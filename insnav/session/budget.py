@@ -6,15 +6,9 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import TypedDict
 
+from insnav.errors.budget import from_windows
 from insnav.errors.budget.error_budget import Budget, budget, check_times
-from insnav.errors.budget.from_windows import (
-    BudgetStudy,
-    RecordedBudget,
-    spec_in_windows,
-    window_motion,
-    window_start_sources,
-    with_recorded,
-)
+from insnav.errors.budget.from_windows import BudgetStudy, RecordedBudget
 from insnav.errors.budget.sources import SampledMotion, Source, at_rest, first_movement, sampled
 from insnav.exceptions import ConfigError
 from insnav.findings import Code, Finding
@@ -89,9 +83,9 @@ def budget_of_windows(
     windows: RecordedBudget, settings: BudgetSettings, progress: Callable[[float], None] | None = None
 ) -> BudgetStudy:
     """Compute the budget of the typical window of a drive, and compare it with all windows."""
-    spec, motion = spec_in_windows(windows), window_motion(windows, max(settings.times))
-    found = _drawn_up(spec, motion, settings, window_start_sources(windows), progress)
-    return BudgetStudy(with_recorded(found, windows), windows)
+    spec, motion = from_windows.spec_in_windows(windows), from_windows.window_motion(windows, max(settings.times))
+    found = _drawn_up(spec, motion, settings, from_windows.window_start_sources(windows), progress)
+    return BudgetStudy(from_windows.with_recorded(found, windows), windows)
 
 
 def _drawn_up(
