@@ -1,6 +1,8 @@
-"""Assessment of a finished run: problems beyond its stated uncertainty, and assumptions, most important first.
+"""Run of the filter, evaluated against a reference if available, and its assessment: problems and assumptions.
 
-`insnav.result.Result` holds all findings in this order; pages and the terminal select them by severity.
+The evaluation includes GPS outages and short-duration windows. The assessment lists problems beyond the stated
+uncertainty of the run, and assumptions, most important first. `insnav.result.Result` holds all findings in this order;
+pages and the terminal select them by severity.
 """
 
 from __future__ import annotations

@@ -28,18 +28,8 @@ from insnav.findings import Code, Finding
 from insnav.imu.model import REFERENCE_TEMPERATURE, ErrorTerms, ImuErrors, correct
 from insnav.lab.bench_data import BenchFile, DriftRecord
 from insnav.lab.calibration import Fit, coverage_factor, linear_fit
-from insnav.lab.noise.allan import (
-    FEWEST_FREEDOM,
-    GAP,
-    NAMES,
-    AllanDeviation,
-    Weights,
-    allan_deviation,
-    basis,
-    chi_square_interval,
-    covariance,
-    freedom,
-)
+from insnav.lab.noise import allan as deviations
+from insnav.lab.noise.allan import AllanDeviation, Weights
 from insnav.types import FloatArray, ImuData, IntArray
 from insnav.units import DEG, G0
 
@@ -393,9 +383,11 @@ def _refuse_gaps(record: DriftRecord) -> None:
     step = np.diff(record.time)
     if not np.all(step > 0.0):
         raise InputError("lab.times_not_increasing", where=record.name)
-    wide = np.flatnonzero(step > GAP * np.median(step))
+    wide = np.flatnonzero(step > deviations.GAP * np.median(step))
     if wide.size:
-        raise InputError("lab.gaps", where=record.name, after_s=record.time[wide[0]], count=wide.size, limit=GAP)
+        raise InputError(
+            "lab.gaps", where=record.name, after_s=record.time[wide[0]], count=wide.size, limit=deviations.GAP
+        )
 
 
 def _factors(n: int, interval: float) -> tuple[IntArray, tuple[Finding, ...]]:
@@ -430,11 +422,11 @@ def _one(record: DriftRecord, rest: slice, model: DriftModel, rate: FloatArray, 
 
 def _curve(values: FloatArray, interval: float, factors: IntArray, squares: FloatArray, time: float) -> Curve:
     """Deviations with the intervals that noise of these squares (Q, N, B, K, Gauss-Markov) has."""
-    allan = allan_deviation(values[:, None], interval, factors)
-    expected = basis(allan.tau, time if math.isfinite(time) else 1.0)[:, :5] @ squares
-    own = covariance(factors, allan.n, interval, squares, time)
-    degrees = np.maximum(freedom(expected, np.diag(own)), FEWEST_FREEDOM)
-    low, high = chi_square_interval(allan.deviation[:, 0], degrees, 0.95)
+    allan = deviations.allan_deviation(values[:, None], interval, factors)
+    expected = deviations.basis(allan.tau, time if math.isfinite(time) else 1.0)[:, :5] @ squares
+    own = deviations.covariance(factors, allan.n, interval, squares, time)
+    degrees = np.maximum(deviations.freedom(expected, np.diag(own)), deviations.FEWEST_FREEDOM)
+    low, high = deviations.chi_square_interval(allan.deviation[:, 0], degrees, 0.95)
     return Curve(allan, low, high, degrees, power_fit(allan, own))
 
 
@@ -446,7 +438,7 @@ def power_fit(allan: AllanDeviation, own: FloatArray) -> dict[str, PowerCoeffici
     """
     if allan.tau.size < len(POWERS):
         return {}
-    unit = basis(allan.tau, 1.0)[:, [NAMES.index(name) for name in POWERS]]
+    unit = deviations.basis(allan.tau, 1.0)[:, [deviations.NAMES.index(name) for name in POWERS]]
     seen = allan.deviation[:, 0] ** 2
     inverse = Weights.of(own, np.zeros(seen.size)).inverse
     white = inverse @ unit
@@ -459,7 +451,7 @@ def power_fit(allan: AllanDeviation, own: FloatArray) -> dict[str, PowerCoeffici
     misfit = max(1.0, math.sqrt(float(left @ left) / spare)) if spare else 1.0
     sd = misfit * np.linalg.norm(pseudo, axis=1) / scale
     # A_m: factor of tau^m, from tau = 1
-    factors = basis(np.ones(1), 1.0)[0, [NAMES.index(name) for name in POWERS]]
+    factors = deviations.basis(np.ones(1), 1.0)[0, [deviations.NAMES.index(name) for name in POWERS]]
     found = {}
     for name, square, spread, factor in zip(POWERS, squares, sd, factors, strict=True):
         low, value, high = (math.sqrt(max(0.0, square + shift * spread)) for shift in (-NORMAL, 0.0, NORMAL))

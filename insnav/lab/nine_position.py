@@ -222,7 +222,7 @@ def calibrate_nine(
     """
     warnings = check_positions(roll, pitch, where)
     force = ideal_force(roll, pitch, gravity)
-    fits = calibration.affine_fits(force, calibration.measured, [f"{where}, {sensor}" for sensor in SENSORS])
+    fits = calibration.affine_fits(force, measured, [f"{where}, {sensor}" for sensor in SENSORS])
     _refuse_exchanged(fits, where)
     dof = sum(fit.dof for fit in fits)
     sigma = float(np.sqrt(sum(np.sum(fit.residual**2) for fit in fits) / dof))
@@ -236,15 +236,15 @@ def calibrate_nine(
     gyro_rows = np.flatnonzero(np.abs(force).max(axis=1) <= (1.0 - OPPOSITE) * gravity)
 
     def estimate(values: FloatArray) -> FloatArray:
-        return _estimate(values.reshape(calibration.measured.shape), force, pairs, gyro_rows)
+        return _estimate(values.reshape(measured.shape), force, pairs, gyro_rows)
 
-    found = estimate(calibration.measured)
-    at, step = calibration.measured.ravel(), 1e-4 * gravity
+    found = estimate(measured)
+    at, step = measured.ravel(), 1e-4 * gravity
     slopes = [(estimate(at + shift) - estimate(at - shift)) / (2.0 * step) for shift in step * np.eye(at.size)]
     sd = sigma * np.linalg.norm(slopes, axis=0)
     raw_gyro = found[18:27].reshape(3, 3)
     gyro, gyro_sd = raw_gyro / np.diag(raw_gyro)[:, None], sd[27:36].reshape(3, 3)
-    free = calibration.measured - found[:6]
+    free = measured - found[:6]
     return NinePositions(
         bias=found[:6],
         bias_opposite=tuple(pairs[axis] is not None for axis in AXIS),
@@ -272,12 +272,12 @@ def _estimate(
 ) -> FloatArray:
     """Estimate biases, accelerometer triad, M_G, and M_G by rows of diagonal 1, in order."""
     design = np.column_stack((force, np.ones(len(force))))
-    bias = np.linalg.lstsq(design, calibration.measured, rcond=None)[0][3]
+    bias = np.linalg.lstsq(design, measured, rcond=None)[0][3]
     for sensor, axis in enumerate(AXIS):
         pair = pairs[axis]
         if pair is not None:
-            bias[sensor] = 0.5 * (calibration.measured[pair[0], sensor] + calibration.measured[pair[1], sensor])
-    free = calibration.measured - bias
+            bias[sensor] = 0.5 * (measured[pair[0], sensor] + measured[pair[1], sensor])
+    free = measured - bias
     correction = np.linalg.lstsq(free[:, TRIAD].mean(axis=2), force, rcond=None)[0].T  # M_A, L_A A_m^+
     measured_products = free[gyro_rows][:, MODULES].prod(axis=2)
     gyro = np.linalg.lstsq(measured_products, products(force)[gyro_rows], rcond=None)[0].T  # Omega_L Omega_m^+

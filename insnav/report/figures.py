@@ -17,8 +17,8 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
 
 from insnav.messages import speaking
+from insnav.report import style as styles
 from insnav.report.panels import Curve, Drawing, Panel, Track, envelope, limits_of, modes, thinned
-from insnav.report.style import BLACK, BLUE, GREEN, GREY, ORANGE, VERMILLION, distance_text
 from insnav.types import FloatArray
 
 DOTS_PER_INCH = 130
@@ -130,12 +130,12 @@ def draw_panel(axes: Axes, panel: Panel, mode: str = "", *, heading: bool = True
     axes.set_xscale("log" if "x" in panel.log else "linear")
     axes.set_yscale("log" if "y" in panel.log else "linear")
     for start, end in panel.spans:
-        axes.axvspan(start, end, color=ORANGE, alpha=0.18, linewidth=0.0, zorder=0.5)
+        axes.axvspan(start, end, color=styles.ORANGE, alpha=0.18, linewidth=0.0, zorder=0.5)
     for curve in panel.curves:
         if curve.mode in ("", mode) and len(curve.x):
             _draw_curve(axes, curve, low, high)
     for value, name in panel.levels:
-        axes.axhline(value, color=VERMILLION, linewidth=1.0, linestyle="--", label=name)
+        axes.axhline(value, color=styles.VERMILLION, linewidth=1.0, linestyle="--", label=name)
     if panel.rows:
         axes.set_yticks(range(len(panel.rows)), panel.rows)
         low, high = high, low  # the first row is at the top
@@ -198,7 +198,7 @@ def _draw_track(track: Track, title: str, note: str) -> Figure:
     shade = track.shades[0] if track.shades and not track.shades[0].classes else None
     figure, axes = _start_map(every, title, note, 0.85 if shade else 0.0)
     (left, right), (low, high) = axes.get_xlim(), axes.get_ylim()
-    axes.plot(*points.T, ".", color=GREY, markersize=3.0, label="GPS fix" if len(points) else "_", zorder=1.8)
+    axes.plot(*points.T, ".", color=styles.GREY, markersize=3.0, label="GPS fix" if len(points) else "_", zorder=1.8)
     for curve in track.behind:
         if curve.kind == "crosses":
             x, y = np.clip(curve.x, left, right), np.clip(curve.y, low, high)
@@ -213,9 +213,9 @@ def _draw_track(track: Track, title: str, note: str) -> Figure:
         lost |= (track.time >= start) & (track.time <= end)
     if lost.any():
         dark = np.where(lost, track.north, np.nan)
-        axes.plot(track.east, dark, color=ORANGE, linewidth=7.0, alpha=0.4, label="no fix used", zorder=1.9)
+        axes.plot(track.east, dark, color=styles.ORANGE, linewidth=7.0, alpha=0.4, label="no fix used", zorder=1.9)
     if shade is None:
-        axes.plot(track.east, track.north, color=BLUE, linewidth=1.4, label="solution")
+        axes.plot(track.east, track.north, color=styles.BLUE, linewidth=1.4, label="solution")
     else:
         pieces = _pieces(track, shade.values)
         axes.add_collection(pieces)
@@ -254,7 +254,7 @@ def _start_map(points: FloatArray, title: str, note: str, beside: float) -> tupl
 def _finish_map(axes: Axes, track: Track) -> None:
     """Mark start and end of a track, scale and north, label the axes and place the legend below."""
     # many drives end at their start: the larger start mark keeps both visible
-    for row, marker, colour, size, name in ((0, "^", GREEN, 13.0, "start"), (-1, "s", BLACK, 5.0, "end")):
+    for row, marker, colour, size, name in ((0, "^", styles.GREEN, 13.0, "start"), (-1, "s", styles.BLACK, 5.0, "end")):
         place = track.east[row], track.north[row]
         axes.plot(*place, marker, color=colour, markersize=size, markeredgecolor="white", label=name, zorder=4)
     scale_bar(axes)
@@ -276,8 +276,8 @@ def scale_bar(axes: Axes) -> None:
     x, y = left + 0.04 * (right - left), low + 0.03 * (right - left)
     tick = 0.008 * (right - left)
     across, along = [x] * 3 + [x + length] * 3, [y + tick, y - tick, y, y, y + tick, y - tick]
-    axes.plot(across, along, color=BLACK, linewidth=1.6, zorder=5)
-    axes.text(x + 0.5 * length, y + 1.3 * tick, distance_text(length), ha="center", va="bottom", fontsize=8.5)
+    axes.plot(across, along, color=styles.BLACK, linewidth=1.6, zorder=5)
+    axes.text(x + 0.5 * length, y + 1.3 * tick, styles.distance_text(length), ha="center", va="bottom", fontsize=8.5)
 
 
 def north_arrow(axes: Axes) -> None:
@@ -292,5 +292,5 @@ def north_arrow(axes: Axes) -> None:
         va="center",
         fontsize=11.0,
         fontweight="bold",
-        arrowprops={"arrowstyle": "-|>", "color": BLACK, "linewidth": 1.6},
+        arrowprops={"arrowstyle": "-|>", "color": styles.BLACK, "linewidth": 1.6},
     )

@@ -49,7 +49,7 @@ if TYPE_CHECKING:  # slow imports happen where they are used: a run needs no bud
     from insnav.session.read import Given
     from insnav.session.requirement import RequirementOptions
 
-_report = library("insnav.report.drive")  # which imports matplotlib
+_report = library("insnav.report.run.panels")
 SHORT_REST = 10.0  # steady motion may resemble a stop for this long [s]
 STAGES = {  # description of the work, by step
     **dict.fromkeys(("clean", "one_clock", "receiver_noise", "imu_noise", "mounting"), "checking the data"),

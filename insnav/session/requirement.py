@@ -11,9 +11,9 @@ import numpy as np
 from insnav.config_file import parse_quantity
 from insnav.engine import Workers
 from insnav.errors.budget.sources import REST, first_movement, sampled
-from insnav.errors.requirement.aided import aided_covariances, propagation, start_shares
+from insnav.errors.requirement import study as studies
 from insnav.errors.requirement.allocation import Component, Requirement, allocate
-from insnav.errors.requirement.study import LARGER, RequirementStudy, Verified, candidates, remedies, verify
+from insnav.errors.requirement.study import RequirementStudy, Verified
 from insnav.exceptions import ConfigError
 from insnav.findings import Code, Finding
 from insnav.imu import ImuSpec, load_imu
@@ -171,8 +171,8 @@ def study_of(
     if settings.runs and found.feasible:
         how: Any = {"hold": hold, "workers": workers, "progress": progress}
         verified = tuple(
-            verify(required, found.spec, window, settings.runs, settings.seed, factor=factor, **how)
-            for factor in (1.0, LARGER)
+            studies.verify(required, found.spec, window, settings.runs, settings.seed, factor=factor, **how)
+            for factor in (1.0, studies.LARGER)
         )
     study = RequirementStudy(required, window.description, "" if given is None else given.name, found, hold, verified)
     if required.after <= LONGEST_PARTS:
@@ -195,18 +195,18 @@ def with_parts(
 ) -> RequirementStudy:
     """Add the real IMUs that meet a requirement, useful aiding for the others, and the dominant figures."""
     required = study.required
-    moved = propagation(motion.truth, begins, max(required.after, HORIZON))
-    listed = candidates(required, moved, parts())
+    moved = studies.propagation(motion.truth, begins, max(required.after, HORIZON))
+    listed = studies.candidates(required, moved, parts())
     failing = [each for each in listed if each.alone.error > required.error]
     part = find_part((failing or listed[-1:])[0].name if given is None else given.name)
     spec = given
     if part is not None and (given is None or given.name == part.name):
         spec, _ = completed(part, load_imu(part.grade))
     assert spec is not None
-    helps, elasticities = remedies(required, moved, spec, part)
-    at_end, through = aided_covariances(moved, [spec])
+    helps, elasticities = studies.remedies(required, moved, spec, part)
+    at_end, through = studies.aided_covariances(moved, [spec])
     last = min(max(round(required.after), 1), moved.length)
-    shares = start_shares(moved, at_end[:, 0], through[:, 0], required.axes, last)
+    shares = studies.start_shares(moved, at_end[:, 0], through[:, 0], required.axes, last)
     return replace(
         study,
         begins=moved.begins,

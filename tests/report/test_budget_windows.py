@@ -14,8 +14,7 @@ from insnav.errors.budget.from_windows import RecordedBudget, Replicas, WindowSe
 from insnav.errors.outage.gnss_outage import COMPONENTS
 from insnav.findings import Code, Finding, Severity, of_code
 from insnav.output.data_files import FILE, store
-from insnav.report.budget.page import read_found
-from insnav.report.budget.panels import windows_drawings
+from insnav.report.budget.page import read_found, windows_drawings
 from insnav.report.budget.windows import windows_assumptions, windows_sections, windows_sentences, windows_warnings
 from insnav.report.figures import drawing
 from insnav.report.page import Page, section_tables

@@ -17,9 +17,8 @@ from insnav.report.figures import (
     save,
 )
 from insnav.report.panels import BINS, Clock, broken_at_gaps, envelope, modes, thinned
-from insnav.report.run.figures import figure_drawings
 from insnav.report.run.page import run_figures
-from insnav.report.run.panels import run_track
+from insnav.report.run.panels import figure_drawings, run_track
 from insnav.report.style import number
 from insnav.types import GpsData, Smoothed
 from tests.report.synthetic import drive

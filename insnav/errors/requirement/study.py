@@ -1,6 +1,18 @@
 """Study of a requirement on the position error: real IMUs that meet it after GPS ends, improvements for the others.
 
-Simulated runs verify its solutions.
+Simulated runs verify its solutions. The covariance of a filter with GPS before an outage and other aiding in it has the
+full linear error model of the budget, second by second: the propagation in a second is common to all IMUs, only the
+sizes differ. It is a Schmidt filter ("Application of state-space methods to navigation problems", Advances in Control
+Systems 3 (1966) 293-340): it estimates position, velocity, attitude, biases and scale factors. It considers other
+constant errors of datasheets (misalignment, g-sensitivity) without estimating them. Exception: accelerometer
+misalignment that gravity converts to a bias.
+
+The filter leaves correlated errors, such as a tilt that compensates a bias. Their variances do not add up, and neither
+first-order nor total indices give the share of a single error. The Shapley effect shares the variance among the errors
+as the Shapley value shares a gain among players. The gain of a group is the variance that it explains (Owen, "Sobol'
+indices and Shapley value", SIAM/ASA Journal on Uncertainty Quantification 2 (2014) 245-251; Song, Nelson and Staum,
+"Shapley effects for global sensitivity analysis: theory and computation", the same 4 (2016) 1060-1083). For a linear
+map of Gaussian errors it has a closed form, and all groups are enumerated.
 """
 
 from __future__ import annotations
@@ -11,19 +23,63 @@ from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
+from scipy.linalg import solve
 
+from insnav.attitude import skew
 from insnav.engine import Workers
 from insnav.errors.budget.error_budget import free_runs
-from insnav.errors.budget.sources import SampledMotion, families, sources_of, term_of
-from insnav.errors.requirement.aided import Aiding, Propagation, error_curves
+from insnav.errors.budget.predicted import disturbance, integrated, steps_of
+from insnav.errors.budget.sources import SampledMotion, Source, families, sampled, sources_of, term_of
 from insnav.errors.requirement.allocation import Allocation, Requirement, binomial_interval, last_sample
 from insnav.findings import Code, Finding
 from insnav.imu import ImuSpec, SensorSpec, load_imu
-from insnav.imu.error_terms import Sensor, terms_of
+from insnav.imu.error_terms import TERMS, Sensor, terms_of
 from insnav.imu.library import Part, completed
+from insnav.imu.specification import noise_of_both
+from insnav.kernels import error_propagation as _kernel
+from insnav.simulate.truth import Truth
 from insnav.types import FloatArray
-from insnav.units import PPM, UG
+from insnav.units import DEG, PPM, UG
 
+RATE = 20.0  # of the samples of the motion [Hz]
+NAV = 9
+# constant errors of gyros and accelerometers: first biases and scale factors, which the filter estimates
+_TERMS = sorted(
+    (term for term in TERMS if term.datasheet and term.process == "constant"),
+    key=lambda term: term.key not in ("bias", "scale_factor"),
+)
+_UNITS = tuple(Source(term.sensor, term.name, axis, "constant", 1.0) for term in _TERMS for axis in term.axes)
+# states: navigation, constant bias, in-run bias, scale factor (each gyro, accel), considered errors. Then odometer
+# scale, mounting pitch and yaw, offset of the barometer
+BIAS, IN_RUN, SCALE, CONSIDERED = 9, 15, 21, 27
+SENSED = IN_RUN + len(_UNITS)
+ODOMETER, MOUNTING, BAROMETER, STATES = SENSED, SENSED + 1, SENSED + 3, SENSED + 4
+# a misaligned level accelerometer senses a part of gravity: the filter estimates it as bias
+_AS_BIAS = [IN_RUN + k for k, unit in enumerate(_UNITS) if unit.family == "accel misalignment" and unit.axis[1] == "z"]
+_CONSIDERED = np.setdiff1d(np.arange(CONSIDERED, SENSED), _AS_BIAS)
+# assumed GPS before the outage, initial state, and other aiding, one standard deviation
+POSITION_SD, VELOCITY_SD = 0.02, 0.03  # of fixes [m], [m/s]
+START_TILT, START_HEADING = 1.0 * DEG, 10.0 * DEG
+NHC_SD, ODOMETER_SD, ZUPT_SD, BAROMETER_SD = 0.05, 0.1, 0.02, 0.3  # [m/s], [m/s], [m/s], [m]
+HEADING_SD = 0.2 * DEG  # of two antennas
+_MOUNTING_SD, _ODOMETER_SCALE_SD, _BAROMETER_DRIFT = 1.0 * DEG, 0.02, 0.02  # [m/sqrt(s)]
+_MOVING, _STANDING = 2.0, 0.01  # speed above which travel has a direction; speed of a stationary vehicle [m/s]
+# groups of initial states
+GROUPS: dict[str, list[int]] = {
+    "position": [0, 1, 2],
+    "velocity": [3, 4, 5],
+    "tilt": [6, 7],
+    "heading": [8],
+    "gyro bias": [9, 10, 11, 15, 16, 17],
+    "accelerometer bias": [12, 13, 14, 18, 19, 20],
+    "gyro scale factor": [21, 22, 23],
+    "accelerometer scale factor": [24, 25, 26],
+    "gyro misalignment": list(range(27, 33)),
+    "accelerometer misalignment": list(range(33, 39)),
+    "g-sensitivity": list(range(39, 48)),
+}
+_RIDGE = 1e-10  # of correlations: permits errors without spread, and linearly dependent errors
+NOISE = "noise of the outage"  # independent of the start
 Answer = Literal["yes", "likely", "open", "no"]
 LIMITS = (1.0, 10.0, 100.0)  # [m]
 # errors after a calibration, one standard deviation: assumptions for good benches
@@ -32,6 +88,255 @@ NINE_POSITION = {"bias": 100.0 * UG, "scale_factor": 50.0 * PPM, "misalignment":
 STOPS = 10.0  # between zero-velocity updates [s]
 SHORT, LONG = 60.0, 300.0  # GPS before the outage [s]
 LARGER = 1.25  # factor on the set that must fail the requirement
+
+
+@dataclass(frozen=True, slots=True)
+class Aiding:
+    """Aiding in addition to GPS before the outage."""
+
+    nhc: bool = False  # non-holonomic constraint, and ZUPT during stops
+    odometer: bool = False
+    barometer: bool = False
+    zupt_every: float = math.inf  # interval of one-second stops in the outage [s]
+    dual_antenna: bool = False  # heading of two antennas with the fixes
+    before: float = math.inf  # GPS before the outage [s]; infinite: all available
+
+
+@dataclass(frozen=True, slots=True)
+class Propagation:
+    """Error propagation in each second of a motion, and its outages."""
+
+    begins: tuple[int, ...]  # seconds in which GPS ends, one per outage
+    length: int  # of every outage [s]
+    by_state: FloatArray  # (k, 9, 48) navigation errors at the end of a second per error at its start
+    by_noise: FloatArray  # (k, 6, 9, 9) covariance from unit white noise of gyros and accelerometers
+    # attitude (k, 3, 3) and velocity (k, 3) [m/s] at the end of each second
+    C_nb: FloatArray
+    v_n: FloatArray
+
+    @property
+    def after(self) -> FloatArray:
+        """Result times of an outage, ``(m,)`` [s]; the first is zero."""
+        return np.arange(self.length + 1, dtype=np.float64)
+
+
+def propagation(truth: Truth, begins: Sequence[float], length: float) -> Propagation:
+    """Compute the error propagation in each second of a motion, up to the end of the last outage.
+
+    `begins`: end of GPS after the start of the motion [s], increasing. `length`: of the outages [s].
+    """
+    seconds = [math.floor(begin) for begin in begins]
+    later = min(math.ceil(length), math.floor(truth.duration + 1e-9) - seconds[-1])
+    motion = sampled(truth, begins[-1] - seconds[-1], seconds[-1] + later, rate=RATE)
+    each = round(RATE)
+    count = len(motion.dt) // each
+    ends = each * (1 + np.arange(count))
+    steps = steps_of(motion, ends)
+    given = np.stack([integrated(disturbance(source, motion), motion, steps) for source in _UNITS], axis=1)
+    edges = np.searchsorted(steps.edges, np.append(0, ends))
+    by_state, by_noise = np.empty((count, NAV, SENSED)), np.empty((count, 6, NAV, NAV))
+    first = np.concatenate([np.eye(NAV), np.zeros((len(_UNITS), NAV))])
+    nothing, one, zero = np.zeros((len(first), given.shape[2])), np.ones(6), np.zeros(6)
+    for k in range(count):
+        part = slice(edges[k], edges[k + 1])
+        x, force, dt = steps.state[part], steps.force_n[part], steps.dt[part]
+        inner = np.broadcast_to(nothing, (len(dt), *nothing.shape)).copy()
+        inner[:, NAV:] = given[part]
+        row, found = np.array([len(dt)]), np.empty((1, len(first), NAV))
+        _kernel.sensitivities(x, force, dt, inner, first.copy(), False, row, found)
+        by_state[k, :, :IN_RUN] = found[0, :IN_RUN].T
+        by_state[k, :, IN_RUN:SCALE] = found[0, BIAS:IN_RUN].T
+        by_state[k, :, SCALE:] = found[0, IN_RUN:].T
+        noise = np.empty((1, 6, NAV, NAV))
+        six = np.ascontiguousarray(given[part, :6])
+        _kernel.noises(x, force, dt, six, np.arange(6), one, zero, zero, zero, False, row, noise)
+        by_noise[k] = noise[0]
+    C_nb = motion.C_nb[ends - 1]
+    return Propagation(tuple(seconds), later, by_state, by_noise, C_nb, motion.truth.v_n[ends])
+
+
+def start_covariance(spec: ImuSpec) -> FloatArray:
+    """Build the covariance of all states before the first fix, ``(52, 52)``."""
+    sd = np.zeros(STATES)
+    sd[:3], sd[3:6], sd[6:8], sd[8] = 1.0, 1.0, START_TILT, START_HEADING
+    constants = [getattr(getattr(spec, term.sensor), term.key)[i] for term in _TERMS for i, _ in term.elements]
+    in_run = noise_of_both(spec, "Gauss-Markov")
+    sd[BIAS:SENSED] = np.concatenate([constants[: IN_RUN - BIAS], in_run, constants[IN_RUN - BIAS :]])
+    sd[ODOMETER], sd[MOUNTING : MOUNTING + 2], sd[BAROMETER] = _ODOMETER_SCALE_SD, _MOUNTING_SD, 10.0
+    return np.diag(sd**2)
+
+
+def aided_covariances(
+    moved: Propagation, specs: Sequence[ImuSpec], aiding: Aiding = Aiding()
+) -> tuple[FloatArray, FloatArray]:
+    """Run the filter for every IMU, with GPS up to each of the seconds `begins` and without GPS afterwards.
+
+    Returns: (w, b, 52, 52) covariance when GPS ends. (w, b, m, 9, 9) covariance of navigation errors in the outages,
+    starting when GPS ends.
+    """
+    process = _process(specs)
+    found, at_end = [], []
+    start = np.stack([start_covariance(spec) for spec in specs])
+    P, k = start, 0
+    for begin in moved.begins:
+        if math.isfinite(aiding.before):
+            P, k = start, max(begin - round(aiding.before), 0)
+        while k < begin:
+            k += 1
+            P = _second(moved, P, k, aiding, process, gps=True)
+        at_end.append(P)
+        Q, through = P, np.empty((len(specs), moved.length + 1, NAV, NAV))
+        through[:, 0] = Q[:, :NAV, :NAV]
+        for m in range(1, moved.length + 1):
+            stop = m % aiding.zupt_every == 0
+            Q = _second(moved, Q, begin + m, aiding, process, gps=False, stop=stop)
+            through[:, m] = Q[:, :NAV, :NAV]
+        found.append(through)
+    return np.stack(at_end), np.stack(found)
+
+
+def error_curves(required: Requirement, moved: Propagation, specs: Sequence[ImuSpec], aiding: Aiding) -> FloatArray:
+    """Compute the expected error of each IMU in an outage, ``(b, m)`` [m], at the required probability."""
+    # of the mean over the outages: the expected error in any outage
+    return required.sizes(np.mean(aided_covariances(moved, specs, aiding)[1], axis=0))
+
+
+def _second(
+    moved: Propagation,
+    P: FloatArray,
+    k: int,
+    aiding: Aiding,
+    process: tuple[FloatArray, FloatArray, FloatArray],
+    *,
+    gps: bool,
+    stop: bool = False,
+) -> FloatArray:
+    """Propagate the covariance to the end of second k."""
+    P = _predicted(P, moved.by_state[k - 1], moved.by_noise[k - 1], *process)
+    H, R = _measured(moved, k, aiding, gps=gps, stop=stop)
+    return _updated(P, H, R) if len(H) else P
+
+
+def _process(specs: Sequence[ImuSpec]) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return decay of each state in a second (b, 52), white noise (b, 6), added variance (b, 52)."""
+    keep, drive = np.ones((len(specs), STATES)), np.zeros((len(specs), STATES))
+    white = np.stack([noise_of_both(spec, "white") ** 2 for spec in specs])
+    for b, spec in enumerate(specs):
+        keep[b, IN_RUN:SCALE] = np.exp(-1.0 / np.repeat([spec.gyro.correlation_time, spec.accel.correlation_time], 3))
+        drive[b, IN_RUN:SCALE] = noise_of_both(spec, "Gauss-Markov") ** 2 * (1.0 - keep[b, IN_RUN:SCALE] ** 2)
+        drive[b, BIAS:IN_RUN] = noise_of_both(spec, "random walk") ** 2
+    drive[:, BAROMETER] = _BAROMETER_DRIFT**2
+    return keep, white, drive
+
+
+def _predicted(
+    P: FloatArray, by_state: FloatArray, by_noise: FloatArray, keep: FloatArray, white: FloatArray, drive: FloatArray
+) -> FloatArray:
+    top = by_state @ P[:, :SENSED, :]
+    out = P * keep[:, :, None] * keep[:, None, :]
+    out[:, :NAV, NAV:] = top[:, :, NAV:] * keep[:, None, NAV:]
+    out[:, NAV:, :NAV] = out[:, :NAV, NAV:].swapaxes(1, 2)
+    out[:, :NAV, :NAV] = top[:, :, :SENSED] @ by_state.T + np.einsum("bs,sij->bij", white, by_noise)
+    rows = np.arange(STATES)
+    out[:, rows, rows] += drive
+    return out
+
+
+def _measured(moved: Propagation, k: int, aiding: Aiding, *, gps: bool, stop: bool) -> tuple[FloatArray, FloatArray]:
+    """Return measurements at the end of second k: matrix ``(m, 52)`` and standard deviations ``(m,)``."""
+    rows: list[FloatArray] = []
+    sd: list[float] = []
+
+    def add(size: float, *parts: tuple[int | slice, float | FloatArray]) -> None:
+        row = np.zeros(STATES)
+        for where, value in parts:
+            row[where] = value
+        rows.append(row)
+        sd.append(size)
+
+    C_nb, v_n = moved.C_nb[k - 1], moved.v_n[k - 1]
+    if gps:
+        for axis in range(3):
+            add(POSITION_SD * (1 + axis // 2), (axis, 1.0))
+            add(VELOCITY_SD * (1 + axis // 2), (3 + axis, 1.0))
+        if aiding.dual_antenna:
+            add(HEADING_SD, (8, 1.0))
+    speed = float(np.linalg.norm(v_n))
+    if speed > _MOVING:
+        # C_hat = (I - [phi x]) C: the body velocity error is C' (dv + phi x v)
+        by_attitude = C_nb.T @ -skew(v_n)
+        if aiding.nhc:
+            add(NHC_SD, (slice(3, 6), C_nb[:, 1]), (slice(6, 9), by_attitude[1]), (MOUNTING + 1, speed))
+            add(NHC_SD, (slice(3, 6), C_nb[:, 2]), (slice(6, 9), by_attitude[2]), (MOUNTING, -speed))
+        if aiding.odometer:
+            add(ODOMETER_SD, (slice(3, 6), C_nb[:, 0]), (slice(6, 9), by_attitude[0]), (ODOMETER, speed))
+    stands = aiding.nhc and speed < _STANDING and bool(np.any(np.abs(moved.v_n) > _MOVING))
+    if aiding.barometer:
+        add(BAROMETER_SD, (2, 1.0), (BAROMETER, 1.0))
+    if stop or stands:
+        for axis in range(3):
+            add(ZUPT_SD, (3 + axis, 1.0))
+    return np.array(rows).reshape(len(rows), STATES), np.array(sd)
+
+
+def _updated(P: FloatArray, H: FloatArray, sd: FloatArray) -> FloatArray:
+    """Update without changing the considered states; the covariance form is valid for any gain."""
+    HP = H @ P
+    S = HP @ H.T + np.diag(sd**2)
+    K = np.linalg.solve(S, HP).swapaxes(1, 2).copy()
+    K[:, _CONSIDERED] = 0.0
+    taken = K @ HP
+    out = P - taken - taken.swapaxes(1, 2) + K @ S @ K.swapaxes(1, 2)
+    return 0.5 * (out + out.swapaxes(1, 2))
+
+
+def shapley_effects(gain: FloatArray, covariance: FloatArray, groups: Sequence[Sequence[int]]) -> FloatArray:
+    """Share the trace of the variance of ``gain @ x`` among groups of correlated Gaussian inputs x.
+
+    `gain` (m, n). `covariance` (n, n) of x. `groups`: of input numbers, covering all inputs.
+    Returns: variance of each group; their sum is the trace.
+    """
+    count = len(groups)
+    explained = np.zeros(1 << count)
+    for subset in range(1, 1 << count):
+        inside = [i for k in range(count) if subset >> k & 1 for i in groups[k]]
+        across = gain @ covariance[:, inside]
+        own = covariance[np.ix_(inside, inside)]
+        # scaled, as the states have different units
+        size = np.sqrt(np.maximum(np.diag(own), 1e-300))
+        known = own / np.outer(size, size) + _RIDGE * np.eye(len(inside))
+        explained[subset] = np.sum((across / size) * solve(known, (across / size).T, assume_a="pos").T)
+    weights = [math.factorial(s) * math.factorial(count - s - 1) / math.factorial(count) for s in range(count)]
+    found = np.zeros(count)
+    for subset in range(1 << count):
+        members = subset.bit_count()
+        for k in range(count):
+            if not subset >> k & 1:
+                found[k] += weights[members] * (explained[subset | 1 << k] - explained[subset])
+    return found
+
+
+def start_shares(
+    moved: Propagation, at_end: FloatArray, through: FloatArray, axes: Sequence[int], after: int
+) -> dict[str, float]:
+    """Compute the shares of initial errors and outage noise in the position variance of outages.
+
+    `at_end` (w, 52, 52): covariance when GPS ends. `through` (w, m, 9, 9): of the navigation errors in the outages.
+    `axes`: relevant axes of North, East, Down. `after`: relevant time of the outage [s].
+    """
+    here = np.diagonal(at_end, axis1=1, axis2=2).max(axis=0)
+    present = {name: states for name, states in GROUPS.items() if np.any(here[states] > 0.0)}
+    values, total = np.zeros(len(present)), 0.0
+    below = np.eye(SENSED)[NAV:]
+    for begin, start, errors in zip(moved.begins, at_end, through, strict=True):
+        gain = np.eye(SENSED)
+        for by_state in moved.by_state[begin : begin + after]:
+            gain = np.vstack([by_state @ gain, below])
+        covariance = start[:SENSED, :SENSED]
+        values += shapley_effects(gain[list(axes)], covariance, list(present.values()))
+        total += float(np.trace(errors[after][np.ix_(axes, axes)]))
+    shares = {name: float(value) / total for name, value in zip(present, values, strict=True)}
+    return {**shares, NOISE: max(1.0 - sum(shares.values()), 0.0)}
 
 
 @dataclass(frozen=True, slots=True)

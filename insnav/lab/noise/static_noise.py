@@ -25,22 +25,8 @@ from insnav.imu.error_terms import terms_of
 from insnav.imu.health import inspect
 from insnav.imu.specification import ImuSpec, SensorSpec
 from insnav.lab.calibration import about, warming
-from insnav.lab.noise.allan import (
-    AXES,
-    B_FACTOR,
-    SEEN,
-    AllanDeviation,
-    EvenRecord,
-    NoiseModel,
-    Sinusoid,
-    allan_deviation,
-    averaging_factors,
-    evaluated,
-    even_record,
-    find_sinusoids,
-    fit_noise,
-    smallest_step,
-)
+from insnav.lab.noise import allan as noise
+from insnav.lab.noise.allan import AllanDeviation, EvenRecord, NoiseModel, Sinusoid
 from insnav.types import BoolArray, FloatArray, ImuData
 from insnav.units import DEG
 
@@ -124,7 +110,7 @@ def _process(allan: AllanDeviation, column: int, model: NoiseModel) -> tuple[flo
         return (model.coefficients["GM"].value, time, Finding.of(Code.ALLAN_BIAS_PROCESS, correlation_time_s=time))
     floor = floor_of(allan, column, model)
     if "B" in model.coefficients:
-        sd = max(B_FACTOR * model.coefficients["B"].value, floor.value) / PEAK
+        sd = max(noise.B_FACTOR * model.coefficients["B"].value, floor.value) / PEAK
         return sd, floor.tau / PEAK_TIME, Finding.of(Code.ALLAN_BIAS_FLOOR, tau_s=floor.tau)
     if "K" in model.coefficients:
         return 0.0, math.inf, Finding.of(Code.ALLAN_BIAS_NONE)
@@ -194,24 +180,27 @@ def signal_noise(
     `interval`: step [s]. `taus`: averaging times [s], see `averaging_factors`.
     Raises: ConfigError: averaging times that the signals do not hold.
     """
-    factors, every = averaging_factors(len(values), interval, taus), averaging_factors(len(values), interval)
-    allan = allan_deviation(values, interval, factors, workers)
-    fitted = allan if np.array_equal(every, factors) else allan_deviation(values, interval, every, workers)
+    factors, every = (
+        noise.averaging_factors(len(values), interval, taus),
+        noise.averaging_factors(len(values), interval),
+    )
+    allan = noise.allan_deviation(values, interval, factors, workers)
+    fitted = allan if np.array_equal(every, factors) else noise.allan_deviation(values, interval, every, workers)
     quiet = np.ptp(values, axis=0) == 0.0
     lines = [() if still else _seen(values[:, i], fitted, i) for i, still in enumerate(quiet)]
     fitted = _without(values, lines, fitted, workers)
     models: list[NoiseModel | None] = []
     for column, still in enumerate(quiet):
         progress(column / values.shape[1])
-        model = None if still else replace(fit_noise(fitted, column), sinusoids=lines[column])
-        models.append(None if model is None else evaluated(model, allan, column))
+        model = None if still else replace(noise.fit_noise(fitted, column), sinusoids=lines[column])
+        models.append(None if model is None else noise.evaluated(model, allan, column))
     return SignalNoise(allan, tuple(models), fitted)
 
 
 def _seen(values: FloatArray, allan: AllanDeviation, column: int) -> tuple[Sinusoid, ...]:
     """Find the lines of a signal that affect its Allan deviation."""
-    variance = SEEN * allan.deviation[:, column] ** 2
-    found = find_sinusoids(values, allan.interval)
+    variance = noise.SEEN * allan.deviation[:, column] ** 2
+    found = noise.find_sinusoids(values, allan.interval)
     return tuple(line for line in found if np.any(line.variance(allan.tau, allan.interval) > variance))
 
 
@@ -227,7 +216,7 @@ def _without(
         for line in lines[column]:
             left[:, place] -= line.at(time)
     deviation = allan.deviation.copy()
-    deviation[:, shaken] = allan_deviation(left, allan.interval, allan.factors, workers).deviation
+    deviation[:, shaken] = noise.allan_deviation(left, allan.interval, allan.factors, workers).deviation
     return replace(allan, deviation=deviation)
 
 
@@ -252,16 +241,17 @@ def static_noise(
         replace(imu, gyro=np.where(absent[:3], fill, imu.gyro), accel=np.where(absent[3:], fill, imu.accel))
         for fill in (0.0, values[:, there[:1]])
     )
-    record = even_record(still)
+    record = noise.even_record(still)
     _refuse_motion(record)
     found = signal_noise(record.values, record.interval, taus, workers=workers, progress=progress)
     at_fit = tuple(
-        None if m is None else evaluated(replace(m, sinusoids=()), found.fitted, i) for i, m in enumerate(found.models)
+        None if m is None else noise.evaluated(replace(m, sinusoids=()), found.fitted, i)
+        for i, m in enumerate(found.models)
     )
     floors = tuple(None if m is None else floor_of(found.fitted, i, m) for i, m in enumerate(at_fit))
     fitted = replace(found.fitted, deviation=found.fitted.deviation[:, stand_in])
     spec, notes = imu_spec(fitted, tuple(at_fit[i] for i in stand_in), name, source)
-    missing = {axis: AXES[i] for axis, i, none in zip(AXES, stand_in, absent, strict=True) if none}
+    missing = {axis: noise.AXES[i] for axis, i, none in zip(noise.AXES, stand_in, absent, strict=True) if none}
     replaced = [axis for axis, other in missing.items() if axis != other]
     others = {"others": tuple(dict.fromkeys(missing[axis] for axis in replaced))}
     notes = (*(each for each in notes if each.subject not in missing), *_of_axes(Code.ALLAN_ALIKE, replaced, **others))
@@ -280,7 +270,7 @@ def _refuse_motion(record: EvenRecord) -> None:
     seconds = record.values[: count * size].reshape(count, size, -1).mean(axis=1)
     # single knocks remain visible in the figure
     span = np.quantile(seconds, 0.95, axis=0) - np.quantile(seconds, 0.05, axis=0)
-    moved = [AXES[i] for i in range(len(AXES)) if span[i] > (TURNS if i < 3 else PUSHES)]
+    moved = [noise.AXES[i] for i in range(len(noise.AXES)) if span[i] > (TURNS if i < 3 else PUSHES)]
     if moved:
         raise InputError("lab.moving", sensors=tuple(moved), rate_rad_s=span[:3].max(), force_m_s2=span[3:].max())
 
@@ -292,19 +282,19 @@ def _of_record(imu: ImuData, record: EvenRecord) -> list[Finding]:
         Finding.of(Code.ALLAN_DAMAGED, subject=subject, count=count, what=code.value)
         for (code, subject), count in damaged.items()
     ]
-    steps, scatter = smallest_step(record.values), record.values.std(axis=0)
+    steps, scatter = noise.smallest_step(record.values), record.values.std(axis=0)
     white = steps * math.sqrt(record.interval / 12.0)  # random walk from rounding samples to steps
     for columns, unit in ((range(3), "rad_sqrt_s"), (range(3, 6), "m_s_sqrt_s")):
         coarse = [i for i in columns if steps[i] > COARSE * scatter[i]]
         sizes = {f"random_walk_{unit}": white[coarse], "step_sigma": steps[coarse] / scatter[coarse]}
-        warnings += _of_axes(Code.ALLAN_COARSE, [AXES[i] for i in coarse], **sizes, limit_sigma=COARSE)
+        warnings += _of_axes(Code.ALLAN_COARSE, [noise.AXES[i] for i in coarse], **sizes, limit_sigma=COARSE)
     changed = warming(imu.temperature, WARMING)
     if imu.temperature is not None and changed:
         inside = np.interp(record.start + record.interval * np.arange(len(record.values)), imu.time, imu.temperature)
         follows = temperature_correlation(record.values, inside)
         rows = np.flatnonzero(np.abs(follows) > FOLLOWS)
         correlated = {"correlation": follows[rows], "limit_correlation": FOLLOWS}
-        warnings += [*changed, *_of_axes(Code.ALLAN_TEMPERATURE, [AXES[i] for i in rows], **correlated)]
+        warnings += [*changed, *_of_axes(Code.ALLAN_TEMPERATURE, [noise.AXES[i] for i in rows], **correlated)]
     return warnings
 
 
@@ -312,16 +302,16 @@ def _of_models(
     models: tuple[NoiseModel | None, ...], floors: tuple[Floor | None, ...], record: EvenRecord, missing: Container[str]
 ) -> list[Finding]:
     """Report model errors, and missing noise terms of the sensors that are not `missing`."""
-    short = [AXES[i] for i, floor in enumerate(floors) if floor is not None and not floor.reached]
-    known = {axis: model for axis, model in zip(AXES, models, strict=True) if model is not None}
+    short = [noise.AXES[i] for i, floor in enumerate(floors) if floor is not None and not floor.reached]
+    known = {axis: model for axis, model in zip(noise.AXES, models, strict=True) if model is not None}
     misfit = {axis: 0.5 * model.misfit for axis, model in known.items() if model.misfit > MISFIT}
     ramps = [axis for axis, model in known.items() if "R" in model.coefficients]
     warnings = [
         *_of_axes(Code.ALLAN_SHORT, short, length_s=record.length),
-        *_of_axes(Code.ALLAN_SILENT, [axis for axis in AXES if axis not in known and axis not in missing]),
+        *_of_axes(Code.ALLAN_SILENT, [axis for axis in noise.AXES if axis not in known and axis not in missing]),
         *_of_axes(Code.ALLAN_MISFIT, misfit, share=tuple(misfit.values()), limit_share=0.5 * MISFIT),
     ]
-    for axes, unit in ((AXES[:3], "rad_s"), (AXES[3:], "m_s2")):
+    for axes, unit in ((noise.AXES[:3], "rad_s"), (noise.AXES[3:], "m_s2")):
         lines = {axis: known[axis].sinusoids[0] for axis in axes if axis in known and known[axis].sinusoids}
         strongest = {f"amplitude_{unit}": [line.amplitude for line in lines.values()]}
         frequency = [line.frequency for line in lines.values()]

@@ -12,7 +12,7 @@ from insnav.lab.calibration import Fit
 from insnav.lab.single_axis.rate_table import Dropped
 from insnav.messages import phrase, sentence
 from insnav.quantity import Quantity
-from insnav.report.calibration.common import Series, bench_input, quality_section, residual_panels
+from insnav.report.calibration.methods import Series, bench_input, quality_section, residual_panels
 from insnav.report.page import DataFrame, Page, Section, by_warnings, cell, drawn, only_json, rows_frame
 from insnav.report.panels import Clock, Curve, Kind, Panel
 from insnav.report.style import AXIS_COLOURS, BLACK, GREY

@@ -1,8 +1,9 @@
-"""Report of a calibration by any method."""
+"""Report of a calibration by any method, and in detail of those in many poses or nine positions."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+import itertools
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
 from typing import Any
 
@@ -10,24 +11,370 @@ import numpy as np
 
 from insnav.imu import calibration_to_toml
 from insnav.input.readers.reading import ReadingFacts
-from insnav.lab.calibration import Calibration
+from insnav.lab.calibration import Calibration, measured
+from insnav.lab.multi_position.many_positions import PosesCalibration
+from insnav.lab.multi_position.method import POSITIONS, TURN_SD, TURNS, Found, SixPositions
+from insnav.lab.multi_position.triad import AXES, Triad
+from insnav.lab.nine_position import AXIS, SENSORS, NinePositions, NineRecord
+from insnav.messages import phrase
 from insnav.quantity import Quantity
-from insnav.report.calibration.common import bench_input
-from insnav.report.calibration.multi_position import multi_position_page, nine_page
-from insnav.report.calibration.single_axis import accel_page, gyro_page, rotor_page, sweep_page
-from insnav.report.page import DataFrame, Page, by_warnings, only_json, rows_frame
+from insnav.report.calibration import methods
+from insnav.report.calibration.methods import Series
+from insnav.report.page import DataFrame, Page, Section, by_warnings, drawn, of_table, only_json, rows_frame
+from insnav.report.panels import Curve, Kind, Panel
+from insnav.report.style import AXIS_COLOURS, BLUE, GREY, ORANGE, VERMILLION, number
 from insnav.result import Result
+from insnav.sample_statistics import rms
+from insnav.types import FloatArray
+from insnav.units import DEG, G0
+
+_MG, _MRAD = 1e-3 * G0, 1e-3
+_MERITS = 6
+
+
+def multi_position_page(calibration: Calibration[ReadingFacts, Found]) -> Page:
+    """Report a multi-position calibration."""
+    found = calibration.detail
+    own = _of_poses(found) if isinstance(found, PosesCalibration) else _of_six_positions(found)
+    drawing, quality, every, more = own.sections
+    without = "Without: one zero and one scale factor for three sensors." if found.counts else ""
+    gravity = [Quantity("before", found.norm_before, "mg"), Quantity("after", found.norm_after, "mg")]
+    if isinstance(found, PosesCalibration):
+        gravity.append(Quantity("left_out", found.norm_left_out, "mg"))
+    return Page(
+        f"Multi-position calibration: {calibration.record.path}",
+        own.summary,
+        (
+            drawing,
+            _triad("accel", "Accelerometers", found.accel, found.counts),
+            _triad("gyro", "Gyros", found.gyro, found.counts),
+            _g_sensitivity(found),
+            only_json("gravity_error", *gravity),
+            quality,
+            methods.corrected_section(calibration),
+            methods.impact_section(calibration, without),
+            every,
+            only_json("", Quantity("gravity", found.g, "m/s^2"), parts=(more,)),
+        ),
+        merits=(
+            *(
+                replace(each, value=rms(np.asarray(each.value, np.float64)), meaning=f"gravity error, {each.label}")
+                for each in gravity
+            ),
+            *own.merits,
+        ),
+        merits_note="RMS over the positions; left out: by a calibration that has not seen the position",
+        method=(*own.method, *phrase("method.poses_and_six", gravity_m_s2=found.g).splitlines()),
+    )
+
+
+def _of_poses(found: PosesCalibration) -> Page:
+    """Lay out a calibration from poses; all positions are too long for a terminal."""
+    turns = only_json(
+        "turn_error",
+        *of_table("calibration.turn_error", found, used=[bool(used) for used in found.turn_used]),
+    )
+    every = Section("", parts=(_poses(found), turns), show="page")
+    times, used = np.array([[pose.start, pose.end] for pose in found.poses]), found.turn_used
+    more = only_json("", Quantity("poses", times, "s"), Quantity("rest_limit_sd", found.factor))
+    each = {"before": found.turn_before, "after": found.turn_after, "left out": found.turn_left_out}
+    drawing = drawn("poses", "Gravity in every pose, and turns between them", poses_panels(found))
+    return Page(
+        "",
+        (
+            f"{_gravity_text(found)}; turns miss the next pose by {number(rms(found.turn_before[used]) / DEG)} deg "
+            f"before, {number(rms(found.turn_after[used]) / DEG)} deg after.",
+            f"{len(found.poses)} poses and {int(np.count_nonzero(used))} turns; stationary where the accelerometers "
+            f"scatter less than {found.factor:g} times as in the quietest tenth.",
+        ),
+        (drawing, _quality(found), every, more),
+        method=tuple(phrase("method.poses", count=len(found.poses) - 9).splitlines()),
+        merits=tuple(
+            Quantity(f"turn_{name}", rms(values[used]), "deg", meaning=f"error of turn, {name}")
+            for name, values in each.items()
+        ),
+    )
+
+
+def _of_six_positions(found: SixPositions) -> Page:
+    sections = only_json("sections", *(Quantity(name, list(span)) for name, span in found.sections.items()))
+    every = Section("", parts=(_positions(found), sections), show="page")
+    more = only_json("", Quantity("position_tilt", found.tilt, "mrad"), Quantity("turn", found.angle, "deg"))
+    drawing = drawn("positions", "Gravity in the six positions", positions_panels(found))
+    place = int(np.argmax(np.abs(found.norm_after)))
+    worst = abs(float(found.norm_after[place]))
+    return Page(
+        "",
+        (
+            f"{_gravity_text(found)}, worst {number(worst / _MG)} mg in position {POSITIONS[place]}; position "
+            f"errors are {number(found.tilt / _MRAD)} mrad (1 sd).",
+            f"Six positions and three turns by {found.angle / DEG:g} deg.",
+        ),
+        (drawing, _turns(found), every, more),
+        method=tuple(phrase("method.six", turn_deg=found.angle / DEG, turn_sd_deg=TURN_SD / DEG).splitlines()),
+        merits=(Quantity("position_tilt", found.tilt, "mrad", meaning="positions off by, 1 sd"),),
+    )
+
+
+def _gravity_text(found: Found) -> str:
+    before, after = (number(rms(values) / _MG) for values in (found.norm_before, found.norm_after))
+    return f"Gravity error {before} mg before, {after} mg after (RMS)"
+
+
+def _quality(found: PosesCalibration) -> Section:
+    used = found.turn_used
+    gravity = (found.norm_before, None, found.norm_after, found.norm_left_out)
+    turns = (found.turn_before[used], found.turn_plain[used], found.turn_after[used], found.turn_left_out[used])
+    columns = ("before", "without_g_sensitivity", "after", "left_out")
+    rows = tuple(
+        (
+            Quantity("error", f"{name}, {how}"),
+            *(
+                Quantity(column, None if values is None else reduce(values), unit)
+                for column, values in zip(columns, series, strict=True)
+            ),
+        )
+        for name, series, unit in (("gravity", gravity, "mg"), ("turn", turns, "deg"))
+        for how, reduce in (("RMS", rms), ("worst", lambda v: float(np.abs(v).max())))
+    )
+    note = "left out: every fifth at a time, by a calibration without them"
+    return Section("", "Errors", rows=rows, note=note)
+
+
+def _poses(found: PosesCalibration) -> Section:
+    forces = np.array([pose.force for pose in found.poses])
+    up = np.linalg.solve(found.accel.matrix, (forces - found.accel.bias).T).T / found.g
+    rows = []
+    for i, pose in enumerate(found.poses):
+        row = [
+            Quantity("pose", str(i + 1)),
+            Quantity("from", pose.start, "s", decimals=2),
+            Quantity("for", pose.end - pose.start, "s", decimals=2),
+            Quantity("f [g]", " ".join(f"{v:+.2f}" for v in up[i])),
+            Quantity("before", float(found.norm_before[i]), "mg"),
+            Quantity("after", float(found.norm_after[i]), "mg"),
+            Quantity("share", float(found.accel_share[i]), "%", decimals=0),
+        ]
+        if i < len(found.poses) - 1:
+            after = float(found.turn_after[i]) if found.turn_used[i] else None
+            row += [
+                Quantity("turn_before", float(found.turn_before[i]), "deg"),
+                Quantity("turn_after", after, "deg"),
+                Quantity("turn_share", float(found.gyro_share[i]), "%", decimals=0),
+            ]
+        rows.append(tuple(row))
+    note = "share: of one parameter that this pose or turn determines by itself; all add up to nine parameters"
+    return Section("", "Poses, and the turn from each to the next", rows=tuple(rows), note=note)
+
+
+def _turns(found: SixPositions) -> Section:
+    scale = np.diag(found.gyro.matrix)
+    rows = tuple(
+        (
+            Quantity("turn", name),
+            Quantity("before", float(found.turned[i]), "counts s" if found.counts else "deg", digits=6),
+            Quantity("after", float(found.turned[i] / scale[i]), "deg", digits=6),
+        )
+        for i, name in enumerate(TURNS)
+    )
+    return Section("", "Turns, as their own gyro measures them", rows=rows)
+
+
+def _positions(found: SixPositions) -> Section:
+    rows = tuple(
+        (
+            Quantity("position", name),
+            Quantity("first_sample", found.sections[name][0]),
+            Quantity("last_sample", found.sections[name][1], meaning="last + 1"),
+            Quantity("before", float(found.norm_before[i]), "mg", meaning="|f| - g before"),
+            Quantity("after", float(found.norm_after[i]), "mg"),
+            Quantity("left", found.force_after[i], "mg", meaning="f - ideal, after"),
+        )
+        for i, name in enumerate(POSITIONS)
+    )
+    return Section("", "Positions", rows=rows)
+
+
+def _triad(key: str, title: str, triad: Triad, counts: bool) -> Section:
+    """Tabulate bias, scale factor and misalignment of three sensors with standard deviations; matrices in JSON."""
+    accel = key == "accel"
+    si, shown = ("m/s^2", "mg") if accel else ("rad/s", "deg/s")
+    bias_unit, matrix_unit = ("counts", f"counts/({si})") if counts else (si, "")
+    rows = [
+        (f"bias {axis}", Quantity("value", float(bias), "counts" if counts else shown, float(sd)))
+        for axis, bias, sd in zip(AXES, triad.bias, triad.bias_sd, strict=True)
+    ]
+    for i, axis in enumerate(AXES):
+        value, sd = float(triad.matrix[i, i]), float(triad.matrix_sd[i, i])
+        if counts:
+            per, unit = (G0, "counts/g") if accel else (DEG, "counts/(deg/s)")
+            rows.append((f"scale factor {axis}", measured("value", value * per, unit, sd * per)))
+        else:
+            rows.append((f"scale factor error {axis}", Quantity("value", value - 1.0, "ppm", sd)))
+    for i, j in itertools.permutations(range(3), 2):
+        if triad.matrix_sd[i, j] > 0.0:
+            own = float(triad.matrix[i, i])
+            across, sd = float(triad.matrix[i, j]) / own, float(triad.matrix_sd[i, j]) / abs(own)
+            rows.append((f"{AXES[i]} senses {AXES[j]}", Quantity("value", across, "mrad", sd)))
+    items = (
+        Quantity("bias", triad.bias, bias_unit, triad.bias_sd),
+        Quantity("matrix", triad.matrix, matrix_unit, triad.matrix_sd),
+        Quantity("condition", triad.condition),
+    )
+    named = tuple((Quantity("parameter", name), value) for name, value in rows)
+    table = Section("", title, rows=named, note=f"± 1 sd; condition number {triad.condition:.3g}")
+    return Section(key, parts=(table, only_json("", *items)))
+
+
+def _g_sensitivity(found: Found) -> Section:
+    sensitivity, sd, counts = found.g_sensitivity, found.g_sensitivity_sd, found.counts
+    unit, per = ("counts/g", G0) if counts else ("deg/s/g", G0 / DEG)
+    rows = tuple(
+        (
+            Quantity("gyro", axis),
+            *(
+                measured(f"by {other}", sensitivity[i, j] * per, unit, float(sd[i, j]) * per)
+                for j, other in enumerate(AXES)
+            ),
+        )
+        for i, axis in enumerate(AXES)
+    )
+    whole = Quantity("g_sensitivity", sensitivity, "counts/(m/s^2)" if counts else "(rad/s)/(m/s^2)", sd)
+    table = Section("", "g-sensitivity of the gyros", rows=rows, note="± 1 sd")
+    return Section("", parts=(table, only_json("gyro", whole)))
+
+
+def nine_page(calibration: Calibration[NineRecord, NinePositions]) -> Page:
+    """Report three dual-axis modules."""
+    found, fits = calibration.detail, calibration.fits
+    # in the order of the method: accelerometers, triad, gyro misalignments, stationary gyros
+    raw = calibration.record.unit != "m/s^2"
+    own = 12 if raw else 6
+    ends = itertools.pairwise((0, own, own + 9, own + 15, None))
+    biases, accel, gyro, at_rest = (calibration.parameters[first:end] for first, end in ends)
+    scales = " and scale factor" * raw
+    across = "position, in the order of the file"
+    panels = methods.residual_panels(_residuals(found, len(calibration.record.dwells.setting)), across)
+    intervals = "1 sd of noise; the interval includes errors of second order"
+    diagonal, second_order = ", ".join(f"{v:.5f}" for v in found.gyro_diagonal), number(1e3 * found.second_order, 2)
+    places = [f"roll {roll:.4g}, pitch {pitch:.4g} deg" for roll, pitch in calibration.record.dwells.setting / DEG]
+    largest = 1e3 * float(np.abs(found.gyro_matrix - np.eye(3)).max())
+    left = 1e3 * float(found.half_width(found.gyro_matrix_sd, first_order=True).max())
+    details = only_json(
+        "",
+        Quantity("condition_accel", found.condition_accel),
+        Quantity("condition_gyro", found.condition_gyro),
+        Quantity("second_order_allowance", found.second_order),
+        Quantity("gyro_diagonal_not_used", found.gyro_diagonal),
+    )
+    inverses = tuple(
+        (Quantity("matrix", name), Quantity("condition", condition), Quantity("positions", which))
+        for name, condition, which in (
+            ("A_m, accelerometers", found.condition_accel, str(len(places))),
+            ("Omega_m, products", found.condition_gyro, "all that are tilted"),
+        )
+    )
+    return Page(
+        "Nine positions of three dual-axis modules",
+        (
+            f"Gyro misalignment up to {number(largest)} mrad, known to ± {number(left, 2)} mrad (95 %); its inverse is "
+            "applied by insnav.",
+            f"Scatter of one accelerometer value {number(found.sigma / _MG, 2)} mg, {found.dof} degrees of freedom.",
+        ),
+        (
+            drawn("residuals", "Nine positions: accelerometers minus the linear model", panels),
+            Section("parameters", f"Bias{scales} of each accelerometer", biases, note=_methods(found)),
+            Section("parameters", "Accelerometer triad, each axis the mean of its two accelerometers", accel),
+            Section("parameters", "Gyro misalignment", gyro, note=intervals),
+            Section("parameters", "Gyros at rest: bias and g-sensitivity", at_rest),
+            Section("", "Pseudo-inverses", rows=inverses),
+            methods.quality_section((fits, "m/s^2", dict.fromkeys(SENSORS, places))),
+            methods.corrected_section(calibration),
+            methods.impact_section(calibration),
+            details,
+        ),
+        merits_note="x_ay: the accelerometer of module x that points along y",
+        method=(
+            *((phrase("method.nine_converted"),) * raw),
+            *((phrase("method.nine_earth"),) * bool(at_rest)),
+            *phrase("method.nine", second_order_mrad=second_order, diagonal=diagonal).splitlines(),
+        ),
+    )
+
+
+def _residuals(found: NinePositions, places: int) -> Iterator[Series]:
+    number, every = np.repeat(np.arange(1.0, places + 1.0), 2), np.ones(2 * places, dtype=np.bool_)
+    for axis in range(3):
+        left = np.column_stack([found.fits[i].residual / _MG for i in np.flatnonzero(axis == AXIS)]).ravel()
+        yield Series(f"both accelerometers {'xyz'[axis]}", "mg", number, left, every, found.sigma / _MG)
+
+
+def _methods(found: NinePositions) -> str:
+    pairs = sorted({"xyz"[axis] for axis, pair in zip(AXIS, found.bias_opposite, strict=True) if pair})
+    if not pairs:
+        return "by least squares over all positions: no two have an axis along the vertical, up and down"
+    return f"{', '.join(pairs)} from the two extreme positions, others by least squares over all"
+
+
+def poses_panels(found: PosesCalibration) -> tuple[Panel, ...]:
+    """Draw the gravity error in each pose, and the error of each turn to the next."""
+    number = np.arange(1.0, len(found.poses) + 1.0)
+    first = "one scale for all axes" if found.counts else "as recorded"
+    used = found.turn_used
+    gravity = [
+        _size(first, number, found.norm_before / _MG, GREY),
+        _size("calibrated", number, found.norm_after / _MG, BLUE),
+        _size("left out", number, found.norm_left_out / _MG, ORANGE, "crosses"),
+    ]
+    between = number[:-1][used] + 0.5
+    turns = [
+        _size(first, between, found.turn_before[used] / DEG, GREY),
+        _size("without g-sensitivity", between, found.turn_plain[used] / DEG, VERMILLION),
+        _size("calibrated", between, found.turn_after[used] / DEG, BLUE),
+        _size("left out", between, found.turn_left_out[used] / DEG, ORANGE, "crosses"),
+    ]
+    note = "left out: by a calibration that has not seen it"
+    across = "number of the pose; turns between"
+    return (
+        Panel("gravity", "Error of gravity", "| |f| - g | [mg]", across, tuple(gravity), "pose", note, log="y"),
+        Panel("turns", "Error of the turn to the next pose", "error [deg]", across, tuple(turns), "pose", log="y"),
+    )
+
+
+def _size(name: str, x: FloatArray, y: FloatArray, colour: str, kind: Kind = "points") -> Curve:
+    """Draw points on a logarithmic axis; a simulated error may be exactly zero."""
+    return Curve(name, x, np.maximum(np.abs(y), 1e-4), colour, kind)
+
+
+def positions_panels(found: SixPositions) -> tuple[Panel, ...]:
+    """Draw the gravity error in the six positions, and the cross-axis remainder."""
+    row = np.arange(len(POSITIONS), dtype=np.float64)
+    names = tuple(f"{name[0]} {'up' if name.endswith('p') else 'down'}" for name in POSITIONS)
+    first = "one scale for all axes" if found.counts else "as recorded"
+    before = (
+        Curve(first, found.norm_before / _MG, row, GREY, "points"),
+        Curve("calibrated", found.norm_after / _MG, row, BLUE, "crosses"),
+    )
+    across = tuple(
+        Curve("xyz"[axis], found.force_after[:, axis] / _MG, row, colour, "points")
+        for axis, colour in enumerate(AXIS_COLOURS)
+    )
+    note = "tilt of the positions as measured by the level axes; opposite positions share it"
+    return (
+        Panel("gravity", "Error of gravity in each position", "", "|f| - g [mg]", before, rows=names),
+        Panel("across", "Left after the calibration", "", "f - ideal [mg]", across, note=note, rows=names),
+    )
+
 
 # page of each method, and its input
 _METHODS: Mapping[str, tuple[Callable[[Calibration[Any, Any]], Page], Callable[[Any], Any]]] = {
-    "gyro": (gyro_page, lambda records: bench_input([each.table for each in records])),
-    "accel": (accel_page, lambda records: bench_input([each.table for each in records])),
-    "imu": (sweep_page, lambda record: bench_input(record.tables)),
-    "nine": (nine_page, lambda record: bench_input([record.table])),
+    "gyro": (methods.gyro_page, lambda records: methods.bench_input([each.table for each in records])),
+    "accel": (methods.accel_page, lambda records: methods.bench_input([each.table for each in records])),
+    "imu": (methods.sweep_page, lambda record: methods.bench_input(record.tables)),
+    "nine": (nine_page, lambda record: methods.bench_input([record.table])),
     "poses": (multi_position_page, ReadingFacts.as_dict),
-    "rotor": (rotor_page, bench_input),
+    "rotor": (methods.rotor_page, methods.bench_input),
 }
-_MERITS = 6
 
 
 def page(result: Result[Calibration[Any, Any]]) -> Page:

@@ -13,7 +13,7 @@ from insnav.messages import phrase
 from insnav.output.data_files import csv_text
 from insnav.quantity import Quantity
 from insnav.report.allan.page import noise_quantity
-from insnav.report.calibration.common import bench_input, quality_section
+from insnav.report.calibration.methods import bench_input, quality_section
 from insnav.report.page import DataFrame, Page, Section, by_warnings, drawn, of_table, only_json, rows_frame
 from insnav.report.panels import Curve, Kind, Panel
 from insnav.report.style import AXIS_COLOURS, BLACK, GREY, number

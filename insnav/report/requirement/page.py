@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from insnav.errors.requirement import aided as aiding
+from insnav.errors.requirement import study as aiding
 from insnav.errors.requirement.allocation import STEEP, TAU, Share
 from insnav.errors.requirement.study import FIELD_FACTOR, LIMITS, NINE_POSITION, Candidate, RequirementStudy
 from insnav.findings import Code, Finding

@@ -361,7 +361,7 @@ def run_figures(found: EvaluatedRun) -> tuple[FigureSpec, ...]:
 
 def _draw(name: str, found: EvaluatedRun) -> Figure:
     from insnav.report.figures import draw_drawings  # matplotlib is imported only for a requested figure
-    from insnav.report.run.figures import figure_drawings
+    from insnav.report.run.panels import figure_drawings
 
     title, note, drawings, columns = figure_drawings(name, found)
     return draw_drawings(drawings, title, note, columns=columns)

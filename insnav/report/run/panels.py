@@ -1,23 +1,26 @@
-"""Interactive drawings of a run: the track, and panels over one time axis."""
+"""Drawings of a run: track, panels over one time axis, single components for papers, and the data before navigation."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 
 from insnav.earth import ned_offset
 from insnav.errors.evaluated_run import EvaluatedRun, outages
-from insnav.errors.metrics import MOVING_M_S, TrajectoryErrors
+from insnav.errors.metrics import MOVING_M_S, TrajectoryErrors, travelled
 from insnav.findings import Code, of_code
+from insnav.imu.model import per_sample
 from insnav.messages import render
-from insnav.report.panels import LEAST_ERROR, Clock, Curve, Panel, Shade, Track, broken_at_gaps, wrapped
-from insnav.report.style import AXIS_COLOURS, BLUE, GREEN, GREY, NED, ORANGE, VERMILLION, number
+from insnav.report import style
+from insnav.report.panels import LEAST_ERROR, Clock, Curve, Drawing, Kind, Panel, Shade, Track, broken_at_gaps, wrapped
+from insnav.sample_statistics import rms
+from insnav.steps import Recording
 from insnav.strapdown import nearest_rows
 from insnav.types import BoolArray, FloatArray, Run, SensorErrors, Trajectory
-from insnav.units import DEG, DEG_PER_H, G0
+from insnav.units import DEG, DEG_PER_H, G0, PPM
 
 LINK = "time"
 CHI2_95 = 7.815 / 3.0  # 95 % point of chi-square with 3 degrees of freedom, per axis
@@ -27,13 +30,22 @@ T = TypeVar("T", Trajectory, TrajectoryErrors | None)
 _VARIES = 1.5  # least ratio of values for a colour scale
 EVENTS = 150  # largest number of marks per kind
 _RPH, _XYZ = ("roll", "pitch", "heading"), ("x", "y", "z")
-GROUPS = (("position", "m", 1.0, NED), ("velocity", "m/s", 1.0, NED), ("attitude", "deg", DEG, _RPH))
+GROUPS = (("position", "m", 1.0, style.NED), ("velocity", "m/s", 1.0, style.NED), ("attitude", "deg", DEG, _RPH))
 _FIX_TYPES = ((1.0, "fixed"), (2.0, "float"), (4.0, "DGPS"), (5.0, "single"), (0.0, "none"))
 _GATES: dict[str, tuple[Code, ...]] = {
     "position": (Code.GATE_POSITION, Code.DEWEIGHTED_POSITION),
     "velocity": (Code.GATE_VELOCITY, Code.DEWEIGHTED_VELOCITY),
 }
 _GATES[""] = (*_GATES["position"], *_GATES["velocity"])
+_COLOURS = {"filtered": (style.BLUE, style.SKY), "smoothed": (style.VERMILLION, style.ORANGE)}  # line and band
+_BEYOND = 90.0  # a heading farther beyond 0..360 deg is wrapped [deg]
+_SETTLED = 0.2  # share of the run after which estimate bands are shown fully
+_SENSORS = (
+    ("gyro bias", "deg/h", DEG_PER_H),
+    ("accelerometer bias", "mg", 1e-3 * G0),
+    ("gyro scale factor", "ppm", PPM),
+    ("accelerometer scale factor", "ppm", PPM),
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,7 +118,7 @@ def _state_panels(found: EvaluatedRun, axis: RunAxis) -> Iterator[Panel]:
         for mode, solution in found.solutions.items():
             if solution.sd is not None:
                 time, sd = broken_at_gaps(axis.clock(solution.time), solution.sd[:, columns] / size)
-                curves += [Curve(n, time, sd[:, k], AXIS_COLOURS[k], mode=mode) for k, n in enumerate(names)]
+                curves += [Curve(n, time, sd[:, k], style.AXIS_COLOURS[k], mode=mode) for k, n in enumerate(names)]
         title, note = f"Stated uncertainty of {group}", "one standard deviation"
         yield axis.panel(f"{group}_sd", title, f"sd [{unit}]", curves, note=note, log="y")
 
@@ -116,12 +128,12 @@ def error_distribution(found: EvaluatedRun) -> tuple[Panel, ...]:
     curves, share = [], np.linspace(1.0, 100.0, 500)
     for mode, errors in found.known_errors.items():
         size, moving = np.maximum(errors.horizontal, LEAST_ERROR), errors.moving
-        parts = ("all", ~np.isnan(size), BLUE), ("static", ~moving, GREEN), ("moving", moving, ORANGE)
+        parts = ("all", ~np.isnan(size), style.BLUE), ("static", ~moving, style.GREEN), ("moving", moving, style.ORANGE)
         for name, rows, colour in parts[: 3 if moving.any() and not moving.all() else 1]:
             curves.append(Curve(name, np.percentile(size[rows], share), share, colour, mode=mode))
         circles = np.percentile(size, (50.0, 95.0))
-        name = f"CEP50 {number(circles[0])} m, R95 {number(circles[1])} m"
-        curves.append(Curve(name, circles, np.array([50.0, 95.0]), VERMILLION, "crosses", mode=mode))
+        name = f"CEP50 {style.number(circles[0])} m, R95 {style.number(circles[1])} m"
+        curves.append(Curve(name, circles, np.array([50.0, 95.0]), style.VERMILLION, "crosses", mode=mode))
     title, labels = "Distribution of the horizontal error", ("epochs below [%]", "horizontal error [m]")
     note = f"moving: faster than {MOVING_M_S:g} m/s"
     limits = (0.0, 101.0)
@@ -144,7 +156,7 @@ def _banded(
     """
     at, columns = broken_at_gaps(axis.clock(time), np.column_stack((value, half)))
     curves = []
-    for k, (name, colour) in enumerate(zip(names, AXIS_COLOURS, strict=True)):
+    for k, (name, colour) in enumerate(zip(names, style.AXIS_COLOURS, strict=True)):
         line, width = columns[:, k], columns[:, 3 + k]
         middle = line if around is None else around
         band = Curve(name, at, middle + width, colour, "band", middle - width, mode)
@@ -161,14 +173,14 @@ def _innovation_panels(run: Run, axis: RunAxis) -> Iterator[Panel]:
         used: BoolArray = getattr(fixes, f"used_{group}")
         value, sd = fixes.innovation[:, columns], fixes.sd[:, columns]
         curves = []
-        for k, (name, colour) in enumerate(zip(names, AXIS_COLOURS, strict=True)):
+        for k, (name, colour) in enumerate(zip(names, style.AXIS_COLOURS, strict=True)):
             curves.append(Curve(name, time, 3.0 * sd[:, k], colour, "band", -3.0 * sd[:, k]))
             curves.append(Curve(name, time[used], value[used, k], colour, "points"))
             curves.append(Curve("rejected", time[~used], value[~used, k], colour, "crosses"))
         note = "measured minus predicted; band: ±3 sd as predicted"
         title = f"Innovations of GPS {group}"
         yield axis.panel(f"innovations_{group}", title, f"innovation [{unit}]", curves, note=note)
-        size, colour = getattr(fixes, f"nis_{group}") / 3.0, (BLUE, ORANGE)[i]
+        size, colour = getattr(fixes, f"nis_{group}") / 3.0, (style.BLUE, style.ORANGE)[i]
         positive = size > 0.0
         nis += [
             Curve(group, time[used & positive], size[used & positive], colour, "points"),
@@ -217,7 +229,7 @@ def _separation(run: Run, axis: RunAxis) -> list[Panel]:
     expected = np.full_like(apart, np.nan)
     if filtered.sd is not None and smoothed.sd is not None:
         expected = 3.0 * np.sqrt(np.maximum(filtered.sd[:, :3] ** 2 - smoothed.sd[:, :3] ** 2, 0.0))
-    curves = _banded(axis, NED, filtered.time, apart, expected, around=0.0)
+    curves = _banded(axis, style.NED, filtered.time, apart, expected, around=0.0)
     note = "filtered minus smoothed position; band: ±3 sd as expected of the difference"
     return [axis.panel("separation", "Forward-backward separation", "separation [m]", curves, note=note)]
 
@@ -228,14 +240,14 @@ def _motion(found: EvaluatedRun, axis: RunAxis) -> list[Panel]:
     for mode, solution in found.solutions.items():
         values = np.column_stack((np.linalg.norm(solution.v_n, axis=1), solution.lla[:, 2], solution.rph / DEG))
         time, columns = broken_at_gaps(axis.clock(solution.time), values)
-        speeds.append(Curve("solution", time, columns[:, 0], BLUE, mode=mode))
-        heights.append(Curve("solution", time, columns[:, 1], BLUE, mode=mode))
-        tilts += [Curve(n, time, columns[:, 2 + k], AXIS_COLOURS[k], mode=mode) for k, n in enumerate(_RPH[:2])]
-        headings.append(Curve("heading", time, wrapped(columns[:, 4]), BLUE, mode=mode))
+        speeds.append(Curve("solution", time, columns[:, 0], style.BLUE, mode=mode))
+        heights.append(Curve("solution", time, columns[:, 1], style.BLUE, mode=mode))
+        tilts += [Curve(n, time, columns[:, 2 + k], style.AXIS_COLOURS[k], mode=mode) for k, n in enumerate(_RPH[:2])]
+        headings.append(Curve("heading", time, wrapped(columns[:, 4]), style.BLUE, mode=mode))
     if gps is not None:
         at = axis.clock(gps.time)
-        speeds.insert(0, Curve("GPS", at, np.linalg.norm(gps.v_n, axis=1), GREY, "points"))
-        heights.insert(0, Curve("GPS, at the antenna", at, gps.lla[:, 2], GREY, "points"))
+        speeds.insert(0, Curve("GPS", at, np.linalg.norm(gps.v_n, axis=1), style.GREY, "points"))
+        heights.insert(0, Curve("GPS, at the antenna", at, gps.lla[:, 2], style.GREY, "points"))
     return [
         axis.panel("speed", "Speed", "speed [m/s]", speeds),
         axis.panel("height", "Height", "height [m]", heights, note="of the IMU, zero as in the fixes"),
@@ -253,7 +265,7 @@ def _events(run: Run, axis: RunAxis) -> list[Panel]:
         some = own[:: max(1, -(-len(own) // EVENTS))]
         texts = tuple(f"{axis.clock.moment(each.begin, each.end)}: {axis.clock.sentence(each)}" for each in some)
         at = axis.clock(np.array([each.begin for each in some]))
-        curves.append(Curve("event", at, np.full(len(some), float(row)), VERMILLION, "points", text=texts))
+        curves.append(Curve("event", at, np.full(len(some), float(row)), style.VERMILLION, "points", text=texts))
     if not curves:
         return []
     height = 70 + 34 * len(rows)
@@ -291,7 +303,7 @@ def run_track(found: EvaluatedRun) -> Track:
     if found.backdrop is not None:
         level = np.column_stack((found.backdrop, np.full(len(found.backdrop), origin[2])))
         north, east, _ = ned_offset(level, origin).T
-        behind = (Curve("backdrop", east, north, GREY, "thin"), *behind)
+        behind = (Curve("backdrop", east, north, style.GREY, "thin"), *behind)
     lat, lon = origin[:2] / DEG
     note = f"start at latitude {lat:.5f}°, longitude {lon:.5f}°; point at the track to see the time"
     shown = position[:, 1], position[:, 0], axis.clock(time), tuple(shades)
@@ -312,4 +324,214 @@ def _rejected(run: Run, time: FloatArray, position: FloatArray) -> tuple[Curve, 
         return ()
     at, off = fixes.time[refused], fixes.innovation[refused]
     north, east = (np.interp(at, time, position[:, k]) + off[:, k] for k in (0, 1))
-    return (Curve(f"position rejected ({len(at)})", east, north, VERMILLION, "crosses"),)
+    return (Curve(f"position rejected ({len(at)})", east, north, style.VERMILLION, "crosses"),)
+
+
+def figure_drawings(name: str, found: EvaluatedRun) -> tuple[str, str, tuple[Drawing, ...], int]:
+    """Build one figure of a run by name: title, explanation, drawings, columns.
+
+    A single solution is the better one, as on the page.
+    """
+    solution, fixes = found.run.solution, found.run.innovations
+    if name.endswith("_error"):
+        group = name.removesuffix("_error")
+        return f"{group.capitalize()} error: solution minus reference", "band: ±3 sd", _errors(found, group), 1
+    if name == "track":
+        title = (
+            f"Track of {style.distance_text(travelled(solution)[0])} in {style.duration_text(np.ptp(solution.time))}"
+        )
+        track = run_track(found)
+        return title, track.note.split(";")[0], (track,), 1
+    if name == "innovations":
+        shares = [
+            f"{group} {int(used.sum())} of {int(np.isfinite(fixes.innovation[:, first]).sum())}"
+            for group, first, used in (("position", 0, fixes.used_position), ("velocity", 3, fixes.used_velocity))
+        ]
+        panels, columns = _innovations(found)
+        return "Innovations: measured minus predicted", f"accepted: {', '.join(shares)}", panels, columns
+    best = next(iter(found.solutions))
+    whole = {
+        "error_distribution": (f"Distribution of the horizontal error, {best}", "", error_distribution),
+        "height": ("Height, counted as the heights of the fixes", "band: ±3 sd; fixes at the antenna", _height),
+        "velocity": ("Velocity of the solution", "band: ±3 sd; fixes at the antenna", _velocity),
+        "attitude": ("Attitude of the solution", "band: ±3 sd", _attitude),
+        "uncertainty": ("Standard deviation of the solution", "smoothed (RTS): from all fixes", _uncertainty),
+        "biases": (f"Estimated sensor errors, {best}", "line: estimate; band: ±3 sd", _sensor_errors),
+    }
+    title, note, make = whole[name]
+    return title, note, make(found), 1
+
+
+def _panel(found: EvaluatedRun, label: str, curves: Sequence[Curve], *, title: str = "", **how: object) -> Panel:
+    return RunAxis.of(found.run).panel("figure", title, label, curves, **how)
+
+
+def _lines(
+    found: EvaluatedRun, time: FloatArray, value: FloatArray, half: FloatArray, mode: str, name: str = ""
+) -> list[Curve]:
+    """Draw a line with a band around it, or around zero for an error; `value`, `half` (n,)."""
+    colour, shade = _COLOURS[mode]
+    at, columns = broken_at_gaps(Clock.of(found.run.solution.time)(time), np.column_stack((value, half)))
+    middle = columns[:, 0] if name else 0.0
+    band = Curve(f"±3 sd, {mode}", at, middle + columns[:, 1], shade, "band", middle - columns[:, 1])
+    return [band, Curve(name or mode, at, columns[:, 0], colour)]
+
+
+def _errors(found: EvaluatedRun, group: str) -> tuple[Panel, ...]:
+    i = [each[0] for each in GROUPS].index(group)
+    _, unit, size, names = GROUPS[i]
+    panels = []
+    for k, name in enumerate(names):
+        curves, sizes = [], []
+        for mode, each in reversed(found.known_errors.items()):
+            value: FloatArray = getattr(each, group)[:, k] / size
+            half = np.full_like(value, np.nan) if each.sd is None else 3.0 * each.sd[:, 3 * i + k] / size
+            curves += _lines(found, each.time, value, half, mode)
+            sizes.append(f"{style.number(rms(value))} {unit} {mode}")
+        panels.append(_panel(found, f"{name} [{unit}]", curves, title=f"RMS {', '.join(sizes)}"))
+    return tuple(panels)
+
+
+def _state(
+    found: EvaluatedRun, label: str, value: FloatArray, column: int, fixes: FloatArray | None = None, **how: Any
+) -> Panel:
+    """Draw one state of the solution with its measured fixes; `column` of its standard deviation."""
+    (mode, solution), gps = next(iter(found.solutions.items())), found.gps
+    size = 1.0 / DEG if label.endswith("[deg]") else 1.0
+    half = np.full_like(value, np.nan) if solution.sd is None else 3.0 * size * solution.sd[:, column]
+    curves = _lines(found, solution.time, value, half, mode, mode)
+    if gps is not None and fixes is not None:
+        curves.insert(0, Curve("GPS fix", Clock.of(solution.time)(gps.time), fixes, style.GREY, "points"))
+    return _panel(found, label, curves, **how)
+
+
+def _height(found: EvaluatedRun) -> tuple[Panel, ...]:
+    fixes = None if found.gps is None else found.gps.lla[:, 2]
+    return (_state(found, "height [m]", found.best.lla[:, 2], 2, fixes, height=280),)
+
+
+def _velocity(found: EvaluatedRun) -> tuple[Panel, ...]:
+    fixes = np.empty((0, 3)) if found.gps is None else found.gps.v_n
+    return tuple(
+        _state(found, f"{name} [m/s]", found.best.v_n[:, k], 3 + k, fixes[:, k])
+        for k, name in enumerate(("north", "east", "down"))
+    )
+
+
+def _attitude(found: EvaluatedRun) -> tuple[Panel, ...]:
+    heading, unwrapped = readable_heading(found.best.rph[:, 2])
+    columns = (*(found.best.rph[:, :2] / DEG).T, heading)
+    limits = (None, None, None if unwrapped else (-5.0, 365.0))
+    return tuple(
+        _state(found, f"{name} [deg]", columns[k], 6 + k, limits=limits[k])
+        for k, name in enumerate(("roll", "pitch", "heading"))
+    )
+
+
+def readable_heading(heading: FloatArray) -> tuple[FloatArray, bool]:
+    """Unwrap a heading in degrees if it turns little, else wrap to 0..360 with breaks at north."""
+    smooth = np.degrees(np.unwrap(heading))
+    if smooth.min() > -_BEYOND and smooth.max() < 360.0 + _BEYOND:
+        return smooth, True
+    wrapped = np.degrees(heading) % 360.0
+    wrapped[np.flatnonzero(np.abs(np.diff(wrapped)) > 180.0)] = np.nan
+    return wrapped, False
+
+
+def _uncertainty(found: EvaluatedRun) -> tuple[Panel, ...]:
+    labels = ("horizontal [m]", "height [m]", "horizontal velocity [m/s]", "heading [deg]")
+    curves: list[list[Curve]] = [[], [], [], []]
+    for mode, solution in found.solutions.items():
+        sd = solution.sd
+        if sd is None:
+            continue
+        sizes = (np.hypot(sd[:, 0], sd[:, 1]), sd[:, 2], np.hypot(sd[:, 3], sd[:, 4]), sd[:, 8] / DEG)
+        time, columns = broken_at_gaps(Clock.of(found.run.solution.time)(solution.time), np.column_stack(sizes))
+        for k in range(4):
+            curves[k].append(Curve(mode, time, columns[:, k], _COLOURS[mode][0]))
+    return tuple(_panel(found, label, own, log="y") for label, own in zip(labels, curves, strict=True))
+
+
+def _innovations(found: EvaluatedRun) -> tuple[tuple[Panel, ...], int]:
+    """Draw innovations of each component and NIS, with columns for measured positions and velocities."""
+    fixes = found.run.innovations
+    time = Clock.of(found.run.solution.time)(fixes.time)
+    groups = [i for i in (0, 1) if np.isfinite(fixes.innovation[:, 3 * i : 3 * i + 3]).any()]
+    panels = []
+    for k, name in enumerate(("north", "east", "down")):
+        for i in groups:
+            group, unit = GROUPS[i][0], GROUPS[i][1]
+            value, sd = fixes.innovation[:, 3 * i + k], 3.0 * fixes.sd[:, 3 * i + k]
+            used: BoolArray = getattr(fixes, f"used_{group}") & np.isfinite(value)
+            refused = np.isfinite(value) & ~used
+            expected = sd[used] if used.any() else sd[refused]
+            usual = float(np.percentile(expected, 98.0)) if expected.size else 0.0
+            limit = 1.1 * max(float(np.max(np.abs(value[used]), initial=0.0)), usual, 1e-9)
+            curves = [
+                Curve("±3 sd", time, sd, style.SKY, "band", -sd),
+                Curve("accepted", time[used], value[used], style.BLUE, "points"),
+                Curve("rejected", time[refused], value[refused], style.VERMILLION, "crosses"),
+            ]
+            panels.append(_panel(found, f"{name} [{unit}]", curves, title=group, limits=(-limit, limit)))
+    for i in groups:
+        group = GROUPS[i][0]
+        nis, used = getattr(fixes, f"nis_{group}") / 3.0, getattr(fixes, f"used_{group}")
+        kept, refused = (nis > 0.0) & used, (nis > 0.0) & ~used
+        curves = [
+            Curve("accepted", time[kept], nis[kept], style.BLUE, "points"),
+            Curve("rejected", time[refused], nis[refused], style.VERMILLION, "crosses"),
+        ]
+        levels = nis_levels(found.run, group)
+        limits = (1e-2, max(100.0, 2.0 * float(np.max(nis[nis > 0.0], initial=0.0))))
+        panels.append(_panel(found, "NIS per axis [-]", curves, title=group, log="y", limits=limits, levels=levels))
+    return tuple(panels), len(groups)
+
+
+def _sensor_errors(found: EvaluatedRun) -> tuple[Panel, ...]:
+    estimated = next(iter(sensor_errors(found.run).values()))
+    time, later = Clock.of(found.run.solution.time)(estimated.time), int(_SETTLED * len(estimated.time))
+    panels = []
+    for i, (name, unit, size) in enumerate(_SENSORS):
+        value, half = (each[:, 3 * i : 3 * i + 3] / size for each in (estimated.value, 3.0 * estimated.sd))
+        if not np.isfinite(value).any():
+            continue
+        curves = []
+        for axis, colour in enumerate(style.AXIS_COLOURS):
+            middle, wide = value[:, axis], half[:, axis]
+            curves.append(Curve("", time, middle + wide, colour, "band", middle - wide))
+            curves.append(Curve("xyz"[axis], time, middle, colour))
+        low = min(float(np.nanmin(value)), float(np.nanmin((value - half)[later:])))
+        high = max(float(np.nanmax(value)), float(np.nanmax((value + half)[later:])))
+        margin = 0.05 * (high - low) or 1.0
+        panels.append(_panel(found, f"[{unit}]", curves, title=name, limits=(low - margin, high + margin)))
+    return tuple(panels)
+
+
+def drive_figure(recording: Recording) -> Any:
+    """Draw angular rates, specific forces, fixes and their velocities over one time axis; gaps are shaded."""
+    imu, gps = recording.imu.data, recording.gps
+    clock, step = Clock.of(imu.time), per_sample(imu)
+    rows: list[tuple[str, str, FloatArray, FloatArray, tuple[str, ...], Kind]] = [
+        ("Angular rate", "rate [deg/s]", imu.time, imu.gyro / step / DEG, ("x", "y", "z"), "line"),
+        ("Specific force", "force [m/s²]", imu.time, imu.accel / step, ("x", "y", "z"), "line"),
+    ]
+    if gps is not None:
+        time, offset = gps.data.time, ned_offset(gps.data.lla, gps.data.lla[0])
+        rows.append(("Fixes, seen from the first", "distance [m]", time, offset, style.NED, "points"))
+        rows.append(("Velocity of the fixes", "velocity [m/s]", time, gps.data.v_n, style.NED, "points"))
+    given = recording.given().values()
+    gaps = [(each.begin, each.begin + each["gap_s"]) for one in given for each in of_code(one.events, Code.ROWS_GAP)]
+    spans = tuple((float(begin), float(end)) for begin, end in clock(np.reshape(gaps, (-1, 2))))
+    panels = [
+        Panel(title, title, label, clock.label, tuple(curves), "time", spans=spans)
+        for title, label, at, values, names, kind in rows
+        if np.isfinite(values).any()
+        for curves in [
+            [Curve(n, clock(at), v, c, kind) for n, v, c in zip(names, values.T, style.AXIS_COLOURS, strict=True)]
+        ]
+    ]
+    title = f"{style.duration_text(np.ptp(imu.time))} of data, {len(gaps)} gap{'s' * (len(gaps) != 1)}"
+    from insnav.report.figures import draw_drawings, drawing  # which import matplotlib
+
+    with drawing():
+        return draw_drawings(panels, title, "body axes as read; shaded: gaps in any of the files")

@@ -11,10 +11,18 @@ import pytest
 import insnav
 from insnav.errors.budget.predicted import covariance
 from insnav.errors.budget.sources import sampled, sources_of
-from insnav.errors.requirement import aided
-from insnav.errors.requirement.aided import Aiding, Propagation, aided_covariances, propagation
+from insnav.errors.requirement import study as aided
 from insnav.errors.requirement.allocation import Requirement
-from insnav.errors.requirement.study import STOPS, candidates, coasting, remedies
+from insnav.errors.requirement.study import (
+    STOPS,
+    Aiding,
+    Propagation,
+    aided_covariances,
+    candidates,
+    coasting,
+    propagation,
+    remedies,
+)
 from insnav.imu import ImuSpec, SensorSpec, load_imu
 from insnav.imu.library import find_part, parts
 from insnav.simulate.motion import load_profile
