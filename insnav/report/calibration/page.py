@@ -1,4 +1,4 @@
-"""Report of a calibration by any method, and in detail of those in many poses or nine positions."""
+"""Reports of calibrations: the page of every method, and details of many poses and nine positions."""
 
 from __future__ import annotations
 
