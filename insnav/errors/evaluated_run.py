@@ -20,15 +20,9 @@ from insnav import findings, strapdown
 from insnav.alignment.static import CONTRADICTED, LONG_REST
 from insnav.attitude import dcm_from_rph
 from insnav.earth import earth_rate_n, ned_offset, transport_rate_n
+from insnav.errors import reference_check
 from insnav.errors.metrics import TrajectoryErrors, nees, on_clock, position_errors
-from insnav.errors.reference_check import (
-    ReferenceOffset,
-    check_reference,
-    delay_shown,
-    known_delay,
-    reference_offset,
-    turned_in_place,
-)
+from insnav.errors.reference_check import ReferenceOffset, check_reference, delay_shown, known_delay, reference_offset
 from insnav.exceptions import InputError
 from insnav.filter.gates import UNUSABLE
 from insnav.filter.gps_noise import heights_measured, white_noise
@@ -543,7 +537,7 @@ def _turned_at_rest(run: Run) -> Iterator[Finding]:
 
 def _turned_in_place(track: Trajectory) -> Iterator[Finding]:
     """Report a wheeled vehicle that turns while stationary."""
-    turn = turned_in_place(track)
+    turn = reference_check.turned_in_place(track)
     if turn is not None:
         begin, end, angle = turn
         yield Finding.of(Code.RUN_TURNED_IN_PLACE, begin, end, angle_rad=angle)

@@ -29,7 +29,7 @@ from insnav.imu.model import REFERENCE_TEMPERATURE, ErrorTerms, ImuErrors, corre
 from insnav.lab.bench_data import BenchFile, DriftRecord
 from insnav.lab.calibration import Fit, coverage_factor, linear_fit
 from insnav.lab.noise import allan as deviations
-from insnav.lab.noise.allan import AllanDeviation, Weights
+from insnav.lab.noise.allan import GAP, AllanDeviation, Weights
 from insnav.types import FloatArray, ImuData, IntArray
 from insnav.units import DEG, G0
 
@@ -383,11 +383,9 @@ def _refuse_gaps(record: DriftRecord) -> None:
     step = np.diff(record.time)
     if not np.all(step > 0.0):
         raise InputError("lab.times_not_increasing", where=record.name)
-    wide = np.flatnonzero(step > deviations.GAP * np.median(step))
+    wide = np.flatnonzero(step > GAP * np.median(step))
     if wide.size:
-        raise InputError(
-            "lab.gaps", where=record.name, after_s=record.time[wide[0]], count=wide.size, limit=deviations.GAP
-        )
+        raise InputError("lab.gaps", where=record.name, after_s=record.time[wide[0]], count=wide.size, limit=GAP)
 
 
 def _factors(n: int, interval: float) -> tuple[IntArray, tuple[Finding, ...]]:

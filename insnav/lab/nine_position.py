@@ -26,7 +26,7 @@ from insnav.input.formats.table import Table
 from insnav.input.interpret.schema import schema
 from insnav.lab import calibration
 from insnav.lab.bench_data import BenchTable, Dwells, default_limit, dwell_warnings, read_bench, reduce_dwells
-from insnav.lab.calibration import BenchOptions, Calibration, CalibrationSd, Fit
+from insnav.lab.calibration import LEVEL, BenchOptions, Calibration, CalibrationSd, Fit
 from insnav.quantity import Quantity
 from insnav.types import FloatArray, IntArray
 from insnav.units import DEG, G0, UG
@@ -205,9 +205,7 @@ class NinePositions:
         `sd`: one of the standard deviations. `first_order`: include the allowance for second-order effects, as for the
         gyros.
         """
-        return sd * calibration.coverage_factor(self.dof, calibration.LEVEL) + (
-            self.second_order if first_order else 0.0
-        )
+        return sd * calibration.coverage_factor(self.dof, LEVEL) + (self.second_order if first_order else 0.0)
 
 
 def calibrate_nine(

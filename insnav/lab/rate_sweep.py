@@ -26,7 +26,7 @@ from insnav.input.formats.table import Table
 from insnav.input.interpret.schema import schema
 from insnav.lab import calibration
 from insnav.lab.bench_data import BenchTable, Dwells, default_limit, dwell_warnings, read_bench, reduce_dwells
-from insnav.lab.calibration import BenchOptions, Calibration, CalibrationSd, Fit
+from insnav.lab.calibration import BenchOptions, Calibration, CalibrationSd, Fit, measured
 from insnav.lab.single_axis.rate_table import FEWEST, Dropped
 from insnav.quantity import Quantity
 from insnav.types import BoolArray, FloatArray, IntArray
@@ -614,19 +614,17 @@ def _parameters(found: SweepCalibration, unit: str) -> tuple[Quantity, ...]:
     for i, (axis, each) in enumerate(zip("xyz", found.fits, strict=True)):
         half, own = each.half_width(), float(each.value[i])
         rate = 1.0 if found.raw else DEG
-        items.append(
-            calibration.measured(f"gyro {axis} bias", each.value[3] / rate, unit, each.sd[3] / rate, half[3] / rate)
-        )
+        items.append(measured(f"gyro {axis} bias", each.value[3] / rate, unit, each.sd[3] / rate, half[3] / rate))
         if found.raw:
             scale = (own * DEG, f"{unit}/(deg/s)", each.sd[i] * DEG, half[i] * DEG)
-            items.append(calibration.measured(f"gyro {axis} scale factor", *scale))
+            items.append(measured(f"gyro {axis} scale factor", *scale))
         else:
             error = (1e6 * (own - 1.0), "ppm", 1e6 * each.sd[i], 1e6 * half[i])
-            items.append(calibration.measured(f"gyro {axis} scale factor error", *error))
+            items.append(measured(f"gyro {axis} scale factor error", *error))
         for j, other in enumerate("xyz"):
             if j != i:
                 crossed = (1e3 * each.value[j] / own, "mrad", 1e3 * each.sd[j] / abs(own), 1e3 * half[j] / abs(own))
-                items.append(calibration.measured(f"gyro {axis} senses {other}", *crossed))
+                items.append(measured(f"gyro {axis} senses {other}", *crossed))
     return tuple(items)
 
 

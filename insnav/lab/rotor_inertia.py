@@ -21,7 +21,7 @@ from insnav.input.formats.table import Table
 from insnav.input.interpret.schema import schema
 from insnav.lab import calibration
 from insnav.lab.bench_data import BenchTable, read_bench
-from insnav.lab.calibration import BenchOptions, Calibration, CalibrationSd, Fit
+from insnav.lab.calibration import BenchOptions, Calibration, CalibrationSd, Fit, measured
 from insnav.types import FloatArray
 
 FALL, PRECESSION = schema("fall"), schema("precession")
@@ -101,8 +101,7 @@ def fit(
     differ = Finding.of(Code.ROTOR_DISAGREE, difference_kg_m2=abs(compared.difference), limit_kg_m2=compared.limit)
     warnings = (*calibration.about("fall", first.warnings), *calibration.about("precession", second.warnings))
     parameters = tuple(
-        calibration.measured(f"moment of inertia, {each.method}", each.value, "kg m^2", each.sd, each.half_width)
-        for each in both
+        measured(f"moment of inertia, {each.method}", each.value, "kg m^2", each.sd, each.half_width) for each in both
     )
     fits, found = {each.method: each.fit for each in both}, Inertias(first, second, compared)
     warnings = warnings if compared.agree else (differ, *warnings)

@@ -1,11 +1,11 @@
 """Study of a requirement on the position error: real IMUs that meet it after GPS ends, improvements for the others.
 
-Simulated runs verify its solutions. The covariance of a filter with GPS before an outage and other aiding in it has the
-full linear error model of the budget, second by second: the propagation in a second is common to all IMUs, only the
-sizes differ. It is a Schmidt filter ("Application of state-space methods to navigation problems", Advances in Control
-Systems 3 (1966) 293-340): it estimates position, velocity, attitude, biases and scale factors. It considers other
-constant errors of datasheets (misalignment, g-sensitivity) without estimating them. Exception: accelerometer
-misalignment that gravity converts to a bias.
+Simulated runs verify its solutions. One covariance serves many IMUs on one motion: of a filter with GPS before an
+outage and other aiding in it. It has the full linear error model of the budget, second by second. The propagation in a
+second is common to all IMUs, only the sizes differ. It is a Schmidt filter ("Application of state-space methods to
+navigation problems", Advances in Control Systems 3 (1966) 293-340): it estimates position, velocity, attitude, biases
+and scale factors. It considers other constant errors of datasheets (misalignment, g-sensitivity) without estimating
+them. Exception: accelerometer misalignment that gravity converts to a bias.
 
 The filter leaves correlated errors, such as a tilt that compensates a bias. Their variances do not add up, and neither
 first-order nor total indices give the share of a single error. The Shapley effect shares the variance among the errors

@@ -498,12 +498,7 @@ def _rest(poses: Sequence[Pose], accel: Triad) -> _Rest:
 
 
 def _whole_covariance(
-    imu: ImuData,
-    poses: Sequence[Pose],
-    damaged: BoolArray,
-    fine: TurnFit,
-    fit: gravity.GravityFit,
-    rest: _Rest,
+    imu: ImuData, poses: Sequence[Pose], damaged: BoolArray, fine: TurnFit, fit: gravity.GravityFit, rest: _Rest
 ) -> FloatArray:
     """Compute the covariance of the gyro matrix including accelerometer, bias and g-sensitivity errors, (9, 9).
 

@@ -26,7 +26,7 @@ from insnav.imu.health import inspect
 from insnav.imu.specification import ImuSpec, SensorSpec
 from insnav.lab.calibration import about, warming
 from insnav.lab.noise import allan as noise
-from insnav.lab.noise.allan import AllanDeviation, EvenRecord, NoiseModel, Sinusoid
+from insnav.lab.noise.allan import AllanDeviation, EvenRecord, NoiseModel, Sinusoid, evaluated
 from insnav.types import BoolArray, FloatArray, ImuData
 from insnav.units import DEG
 
@@ -193,7 +193,7 @@ def signal_noise(
     for column, still in enumerate(quiet):
         progress(column / values.shape[1])
         model = None if still else replace(noise.fit_noise(fitted, column), sinusoids=lines[column])
-        models.append(None if model is None else noise.evaluated(model, allan, column))
+        models.append(None if model is None else evaluated(model, allan, column))
     return SignalNoise(allan, tuple(models), fitted)
 
 
@@ -245,8 +245,7 @@ def static_noise(
     _refuse_motion(record)
     found = signal_noise(record.values, record.interval, taus, workers=workers, progress=progress)
     at_fit = tuple(
-        None if m is None else noise.evaluated(replace(m, sinusoids=()), found.fitted, i)
-        for i, m in enumerate(found.models)
+        None if m is None else evaluated(replace(m, sinusoids=()), found.fitted, i) for i, m in enumerate(found.models)
     )
     floors = tuple(None if m is None else floor_of(found.fitted, i, m) for i, m in enumerate(at_fit))
     fitted = replace(found.fitted, deviation=found.fitted.deviation[:, stand_in])

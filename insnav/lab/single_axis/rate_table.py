@@ -26,7 +26,7 @@ from insnav.input.formats.table import Table
 from insnav.input.interpret.schema import Quantity, schema
 from insnav.lab import calibration
 from insnav.lab.bench_data import BenchTable, Dwells, default_limit, dwell_warnings, read_bench, reduce_dwells
-from insnav.lab.calibration import BenchOptions, Calibration, CalibrationSd, Fit, coverage_factor, linear_fit
+from insnav.lab.calibration import STANDARD, BenchOptions, Calibration, CalibrationSd, Fit, coverage_factor, linear_fit
 from insnav.types import BoolArray, FloatArray, IntArray
 from insnav.units import DEG, UNITS
 
@@ -65,7 +65,7 @@ class Record:
 
 
 def read_records(
-    files: Sequence[str | Path | Table], schema: Sequence[Quantity], how: BenchOptions = calibration.STANDARD
+    files: Sequence[str | Path | Table], schema: Sequence[Quantity], how: BenchOptions = STANDARD
 ) -> tuple[Record, ...]:
     """Read the files of x, y, z, or of one sensor that stands for all three; see `read_record`.
 
@@ -78,9 +78,7 @@ def read_records(
     return records
 
 
-def read_record(
-    path: str | Path | Table, schema: Sequence[Quantity], how: BenchOptions = calibration.STANDARD
-) -> Record:
+def read_record(path: str | Path | Table, schema: Sequence[Quantity], how: BenchOptions = STANDARD) -> Record:
     """Read the file of one sensor.
 
     `path`: columns of setting and output; several successive rows of one setting are the samples of a dwell. `schema`:

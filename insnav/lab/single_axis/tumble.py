@@ -24,7 +24,7 @@ from insnav.input.interpret.columns import understand
 from insnav.input.interpret.schema import schema
 from insnav.lab import calibration
 from insnav.lab.bench_data import BenchTable, read_bench
-from insnav.lab.calibration import BenchOptions, Calibration, CalibrationSd, Fit
+from insnav.lab.calibration import BenchOptions, Calibration, CalibrationSd, Fit, affine_fits, badly_conditioned
 from insnav.lab.single_axis.rate_table import Record, read_records, refuse_unit, triad_calibration
 from insnav.types import FloatArray, IntArray
 from insnav.units import DEG, G0, UNITS
@@ -80,9 +80,7 @@ def fit_positions(record: Positions, how: BenchOptions) -> Calibration[tuple[Pos
     Raises: InputError: too few positions, or outputs in another unit than their columns state.
     """
     where, raw = record.table.name, record.raw
-    found = calibration.affine_fits(
-        record.force, record.output, tuple(f"{where}, accelerometer {axis}" for axis in "xyz")
-    )
+    found = affine_fits(record.force, record.output, tuple(f"{where}, accelerometer {axis}" for axis in "xyz"))
     matrix, matrix_sd = (np.array([getattr(fit, key)[:3] for fit in found]) for key in ("value", "sd"))
     bias, bias_sd = (np.array([getattr(fit, key)[3] for fit in found]) for key in ("value", "sd"))
     scale = np.diag(matrix).copy()
@@ -101,9 +99,7 @@ def fit_positions(record: Positions, how: BenchOptions) -> Calibration[tuple[Pos
     units = [*[f"{unit}/(m/s^2)" if raw else ""] * 3, unit]
     parameters = tuple(each for name, fit in fits.items() for each in calibration.fitted(fit, units, name))
     errors = ImuErrors(**given, name=how.name)
-    return Calibration(
-        "accel", errors, spread, parameters, fits, (record,), found, how, calibration.badly_conditioned(fits)
-    )
+    return Calibration("accel", errors, spread, parameters, fits, (record,), found, how, badly_conditioned(fits))
 
 
 @dataclass(frozen=True, slots=True)

@@ -142,10 +142,7 @@ def budget_sections(budget: Budget) -> tuple[Section, ...]:
     sources = tuple(of_table("budget.source", each) for each in budget.sources)
     share = dict(zip(budget.families, map(float, shares(budget)), strict=True))
     return (
-        only_json(
-            "",
-            *of_table("budget.subject", budget, schuler_period=2.0 * np.pi / budget.schuler_rate),
-        ),
+        only_json("", *of_table("budget.subject", budget, schuler_period=2.0 * np.pi / budget.schuler_rate)),
         only_json(
             "short_form_error",
             Quantity("time", last, "s"),

@@ -477,10 +477,7 @@ def rotor_page(calibration: Calibration[tuple[BenchTable, BenchTable], Inertias]
     column = calibration.record[1].get("mass")
     masses = [how.mass] if column is None else sorted(set(column.tolist()))
     weight = " and ".join(f"{each:g}" for each in masses) + " kg"
-    given = only_json(
-        "given",
-        *of_table("calibration.rotor_given", how, mass=masses),
-    )
+    given = only_json("given", *of_table("calibration.rotor_given", how, mass=masses))
     names = ("difference", "limit", "mean", "mean_sd")
     sizes = [getattr(both, name) if both.agree or "mean" not in name else None for name in names]
     in_unit = (Quantity(name, size, "kg m^2") for name, size in zip(names, sizes, strict=True))

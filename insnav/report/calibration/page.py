@@ -1,4 +1,4 @@
-"""Report of a calibration by any method, and in detail of those in many poses or nine positions."""
+"""Reports of calibrations: the page of every method, and details of many poses and nine positions."""
 
 from __future__ import annotations
 
@@ -71,8 +71,7 @@ def multi_position_page(calibration: Calibration[ReadingFacts, Found]) -> Page:
 def _of_poses(found: PosesCalibration) -> Page:
     """Lay out a calibration from poses; all positions are too long for a terminal."""
     turns = only_json(
-        "turn_error",
-        *of_table("calibration.turn_error", found, used=[bool(used) for used in found.turn_used]),
+        "turn_error", *of_table("calibration.turn_error", found, used=[bool(used) for used in found.turn_used])
     )
     every = Section("", parts=(_poses(found), turns), show="page")
     times, used = np.array([[pose.start, pose.end] for pose in found.poses]), found.turn_used

@@ -16,19 +16,8 @@ from insnav.messages import phrase
 from insnav.output.folder import RunFolder, read_facts
 from insnav.output.solution_tables import TableFormat, read_run_table, write_events, write_run_table
 from insnav.quantity import Quantity
-from insnav.report.page import STATISTICS as SHOWN
-from insnav.report.page import (
-    DataFrame,
-    Light,
-    Page,
-    Section,
-    Verdict,
-    by_warnings,
-    drawn,
-    of_table,
-    only_json,
-    rows_frame,
-)
+from insnav.report import page as layout
+from insnav.report.page import DataFrame, Light, Page, Section, Verdict, of_table
 from insnav.report.panels import Clock, Curve, Panel
 from insnav.report.style import BLACK, BLUE, GREY, VERMILLION, number
 from insnav.report.terminal import page_text
@@ -81,7 +70,7 @@ def page(result: Result[OutageStudy]) -> Page:
     title = f"Error without GPS against {study.reference}"
     most, parts = max(each.length for each in study.windows), (("horizontal", (0, 1)), ("vertical", (2,)))
     longest = [each for each in study.windows if each.length == most]
-    growing = drawn("outages", title, (_panel(longest, study.growth, *part) for part in parts), NOTE)
+    growing = layout.drawn("outages", title, (_panel(longest, study.growth, *part) for part in parts), NOTE)
     return Page(
         f"GNSS outage test: {name}, {len(study.windows)} windows",
         (
@@ -90,7 +79,7 @@ def page(result: Result[OutageStudy]) -> Page:
             *((f"Without GPS, {' and '.join(aids)} continue{'s' * (len(aids) == 1)} to aid.",) if aids else ()),
         ),
         (
-            only_json("", Quantity("reference", study.reference)),
+            layout.only_json("", Quantity("reference", study.reference)),
             Section("outages", rows=rows, show="json"),
             growing,
             *(each if key in _UNFOLDED else replace(each, folded=True, show="page") for key, each in tables),
@@ -140,7 +129,7 @@ def _verdict(study: OutageStudy, notes: tuple[Finding, ...]) -> Verdict:
     )
     if np.isfinite(found.rms[-1, smoothed]):
         text += f" Smoothing leaves {number(float(found.rms[-1, smoothed]))} m.{_less_reference(found, smoothed)}"
-    return by_warnings(text, notes, (cast(Light, light), reason))
+    return layout.by_warnings(text, notes, (cast(Light, light), reason))
 
 
 def _less_reference(found: Growth, column: int) -> str:
@@ -205,7 +194,7 @@ def _table(component: str, growth: Sequence[Growth]) -> Section:
         (
             Quantity("length", f"{found.length:g} s", meaning="after"),
             Quantity("windows", found.count),
-            *(Quantity(key, each[key], unit, meaning=SHOWN[key]) for key in ("rms", "p95", "max")),
+            *(Quantity(key, each[key], unit, meaning=layout.STATISTICS[key]) for key in ("rms", "p95", "max")),
             corrected(found, found.column(component), unit),
             Quantity("predicted", each["predicted"], unit),
         )
@@ -239,7 +228,7 @@ def read_found(folder: Path, findings: Sequence[Finding]) -> OutageStudy:
 
 def frame(result: Result[OutageStudy]) -> DataFrame:
     """Build a table of the errors at the end of the windows."""
-    return rows_frame(_row(each) for each in result.found.growth)
+    return layout.rows_frame(_row(each) for each in result.found.growth)
 
 
 def spread(time: FloatArray, errors: FloatArray) -> list[Curve]:
