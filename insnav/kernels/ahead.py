@@ -105,7 +105,7 @@ def _kernels() -> tuple[tuple[tuple[Any, ...], ...], ...]:
         (d2, d2, d2, d1, d2, d2, d1, d2),
     )
     assessment = (d1, d2, d1, *4 * [d2], i, flag, d, d, d, i1, d1, d2, d2, d2, d1)
-    system, measured, kept = (d1, d3, d2, d3, d2, i1), (d2, d3, d2, d2), (d2, d2, d3, d2, d3)
+    system, measured, kept = (d1, d3, d2, d3, d2, i1), (d2, d3, d2, d2), (d2, d2, d3, i1, d2, d3)
     run = (d1, i1, d3, d4, d2, d2, d2, d3, d2, d2, d2)
     return (
         (
