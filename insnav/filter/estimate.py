@@ -18,7 +18,15 @@ from insnav.alignment.static import LONG_REST
 from insnav.attitude import dcm_from_quat, dcm_from_rph, quat_from_rph
 from insnav.deferred import deferred
 from insnav.exceptions import DivergenceError, InputError
-from insnav.filter import error_model
+from insnav.filter.error_model import (
+    ErrorModel,
+    FilterState,
+    InitialState,
+    cross_covariance,
+    layout,
+    reset_correlated,
+    set_to_fix,
+)
 from insnav.filter.settings import FilterSettings
 from insnav.filter.smoother import History
 from insnav.findings import Code, Finding
@@ -127,7 +135,7 @@ class Across:
     own: FloatArray  # (9, 9) covariance from other causes
 
     @classmethod
-    def of(cls, initial: error_model.InitialState) -> Across:
+    def of(cls, initial: InitialState) -> Across:
         """Derive it from the covariance of an initial state with uncorrelated sensor errors."""
         p = initial.covariance
         variance = np.diag(p)[NAV:]
@@ -146,14 +154,14 @@ class Estimate:
 
     def __init__(
         self,
-        start: error_model.FilterState,
-        model: error_model.ErrorModel,
+        start: FilterState,
+        model: ErrorModel,
         settings: FilterSettings,
         note: Callable[[Finding], None],
         coast: float,
         alignment: Alignment,
     ) -> None:
-        self.at, self._coast = error_model.layout(settings), coast
+        self.at, self._coast = layout(settings), coast
         n = self.at.states
         self.all = np.zeros(epoch.ESTIMATED)
         self.x, self.correction, self.motion, self.lasting, self.shaken = (
@@ -223,7 +231,7 @@ class Estimate:
         self._changes = list(changes)
         self._engine.replace_covariance(covariance)
 
-    def kept(self, time: float) -> error_model.FilterState:
+    def kept(self, time: float) -> FilterState:
         """Copy the whole state, to continue from."""
         levers, phi = (self.lever, self.shaken), self._unity.copy()
         epoch.turn(phi, self.all.copy())
@@ -232,7 +240,7 @@ class Estimate:
             swing(phi, self._swung.copy())
         p = phi @ self.covariance @ phi.T
         state = (self.x, self.correction, *self._clock.tolist(), self.lasting, *levers, self.motion, p)
-        return error_model.FilterState(time, *deepcopy(state))
+        return FilterState(time, *deepcopy(state))
 
     def propagate(
         self, samples: errorstate.Samples, first: int, last: int, close: bool, out: errorstate.Outputs
@@ -312,13 +320,13 @@ class Estimate:
             p[3:6, 3:6] += VELOCITY_RESET_SD**2 * np.eye(3)
         p[6:15, 6:15] += np.diag(np.concatenate([ATTITUDE_RESET_SD, BIAS_RESET_SD]) ** 2)
         errorstate.feed_back(self.x, self.correction, error)
-        by = error_model.set_to_fix(self.at, self.x[3:6], dcm_from_quat(self.x[6:]))
+        by = set_to_fix(self.at, self.x[3:6], dcm_from_quat(self.x[6:]))
         p = by @ p @ by.T
         self._begin_at_fix(p)
         if self.history is not None:
             self.history.restart(time, *self._seen, p)
 
-    def go_on(self, start: error_model.InitialState, span: float) -> None:
+    def go_on(self, start: InitialState, span: float) -> None:
         """Continue after a gap of `span` seconds: position, velocity and attitude from a new alignment.
 
         Sensor errors, delay and lever arm are kept, apart from their decay; see `Across`.
@@ -347,7 +355,7 @@ class Estimate:
         self.x[:] = x
         self.motion[:] = 0.0
         # independent of delay and lever arm: the smoother's transitions carry no position for them
-        by = error_model.set_to_fix(self.at, start.v_n, c)[:3, STATES:]
+        by = set_to_fix(self.at, start.v_n, c)[:3, STATES:]
         p[:3, :3] += by @ p[STATES:, STATES:] @ by.T
         self._begin_at_fix(p)
         errorstate.reset_transition(self._phi, self._q, self.span)
@@ -360,8 +368,8 @@ class Estimate:
         self.all[epoch.CORRECTED] = self.all[epoch.TURNED] = self.all[epoch.SQUARES] = 0.0
         self.all[epoch.BEGAN] = self.x[3:5]
         if self._gps_noise is not None:
-            error_model.reset_correlated(p, self.at.correlated, self._lasting_sd)
-            error_model.cross_covariance(p, self.at.correlated, self._lasting_sd)
+            reset_correlated(p, self.at.correlated, self._lasting_sd)
+            cross_covariance(p, self.at.correlated, self._lasting_sd)
             self.lasting[:] = 0.0
         self._engine.replace_covariance(p)
 
