@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypedDict, Unpack
 
 import numpy as np
 
@@ -31,6 +31,18 @@ if TYPE_CHECKING:
     from insnav.session.read import Given
 
 
+class PlatformReading(TypedDict, total=False):
+    """Further files of a platform, and how to read the specific force."""
+
+    heights: Given | None  # to damp the vertical channel
+    ref: Given | None  # reference trajectory
+    # see `insnav.input.readers.specific_force.read_specific_force`
+    axes: LevelAxes | None
+    columns: Mapping[str, str] | None
+    sample_rate: float | None
+    opened: Callable[[ReadingFacts], None]  # called with the interpretation of each file
+
+
 def platform(
     force: Given,
     lat: float,
@@ -43,12 +55,7 @@ def platform(
     vertical: Vertical = "off",
     gravity: float | None = None,
     interval: float = 0.1,
-    heights: Given | None = None,
-    ref: Given | None = None,
-    axes: LevelAxes | None = None,
-    columns: Mapping[str, str] | None = None,
-    sample_rate: float | None = None,
-    opened: Callable[[ReadingFacts], None] = lambda facts: None,
+    **reading: Unpack[PlatformReading],
 ) -> Result[PlatformStudy]:
     """Integrate the specific force on a north-pointing platform with every integrator.
 
@@ -70,12 +77,8 @@ def platform(
         Gravity of this size everywhere, straight down [m/s^2]; by default normal gravity.
     interval : float
         Time between rows of the solutions [s].
-    heights, ref : path or data frame, optional
-        Heights, to damp the vertical channel; a reference.
-    axes, columns, sample_rate
-        See `insnav.input.readers.specific_force.read_specific_force`.
-    opened : callable, optional
-        Called with the interpretation of each file.
+    **reading
+        Further files, and how to read them; see `PlatformReading`.
 
     Returns
     -------
@@ -96,10 +99,7 @@ def platform(
     """
     _refuse_start(lat, lon, height, v_n)
     one_of("integrator", integrator, INTEGRATORS)
-    samples, given, reference = _read(force, heights, ref, axes, columns, sample_rate)
-    for each in (samples, given, reference):
-        if each is not None:
-            opened(each.facts)
+    samples, given, reference = _read(force, reading)
     if gravity is not None and not 9.5 < gravity < 10.0:  # NaN is not within either
         raise ConfigError("platform.bad_gravity", where="--gravity", value=gravity)
     time, f_n = samples.data.time, samples.data.f_n
@@ -141,20 +141,20 @@ def _refuse_start(lat: float, lon: float, height: float, v_n: Sequence[float]) -
 
 
 def _read(
-    force: Given,
-    heights: Given | None,
-    ref: Given | None,
-    axes: LevelAxes | None,
-    columns: Mapping[str, str] | None,
-    sample_rate: float | None,
+    force: Given, how: PlatformReading
 ) -> tuple[Reading[SpecificForce], Reading[Heights] | None, Reading[Trajectory] | None]:
     """Read specific force along level axes, heights, and a reference; the small files first."""
+    heights, ref, sample_rate, opened = how.get("heights"), how.get("ref"), how.get("sample_rate"), how.get("opened")
     if sample_rate is not None and not 0.1 <= sample_rate <= 1e5:
         raise ConfigError("platform.bad_rate", where="--sample-rate", value=sample_rate)
     one_from_stdin({"FORCE_FILE": force, "--height-input": heights, "--ref": ref})
     height = None if heights is None else read_heights(samples_source(heights, None))
     reference = None if ref is None else read_ref(ref, {})
-    samples = read_specific_force(samples_source(force, None), axes=axes, columns=columns, sample_rate=sample_rate)
+    named: Any = {"axes": how.get("axes"), "columns": how.get("columns")}
+    samples = read_specific_force(samples_source(force, None), sample_rate=sample_rate, **named)
+    for each in (samples, height, reference):
+        if each is not None and opened is not None:
+            opened(each.facts)
     return samples, height, reference
 
 
