@@ -41,7 +41,6 @@ QUANTUM = 2.0**-40  # of angles, far below gyro resolution [rad]
 COAST = 1.0  # longest time between filter epochs: the transition is of second order [s]
 BROKEN = 3.0  # a longer time without a rejected fix ends a run of rejections, if fixes come more often [s]
 NOISY, FAR_BEYOND = 3.0, 10.0  # factors on the RMS of the gyros' white noise: smaller rates, or parts, may be noise
-INSTANT = 0.01  # share of a sampling interval whose mean rate is the rate at its end [-]
 FEWEST_REJECTIONS = 5  # before a reset: at low rates a second or two of multipath must not cause a reset
 
 
@@ -151,7 +150,7 @@ class Navigator:
     def _cuts(self, begin: float, end: float) -> FloatArray:
         """Return the times at which intervals from `begin` to `end` are cut: start, fixes and rows of the solution.
 
-        Before a pose of another point a short piece is cut off: the velocity needs the rate at the epoch, not its mean.
+        A tenth of a millisecond before a pose of another point, too: its velocity needs the rate at the epoch.
         """
         every, settings = self._grid[1], self._settings
         grid = every * np.arange(np.floor(begin / every), np.ceil(end / every) + 1.0) if every > 0.0 else np.empty(0)
@@ -160,7 +159,7 @@ class Navigator:
             for some in (self._fix_time[self._next :], settings.epochs)
         )
         poses = np.empty(0) if settings.point_b is None else wanted if settings.epochs.size else grid
-        cuts = np.sort(np.concatenate([[self._start], fixes, grid, wanted, poses - INSTANT * self._nominal]))
+        cuts = np.sort(np.concatenate([[self._start], fixes, grid, wanted, poses - 100.0 * strapdown.TIME_TOLERANCE]))
         return np.asarray(cuts[np.diff(cuts, prepend=-np.inf) > strapdown.TIME_TOLERANCE])
 
     def _begin_grid(self, time: float) -> None:

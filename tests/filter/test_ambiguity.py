@@ -55,3 +55,12 @@ def test_a_reset_counts_as_a_jump_of_the_fixes_that_were_rejected():
     assert reset.begin == found.time[240]
     np.testing.assert_array_equal(reset.moved, found.innovation[250, :3])
     assert resets_of(run) == ()
+
+
+def test_poses_before_the_jump_have_the_sd_of_the_solution_there():
+    run = undisturbed()
+    solution = run.smoothed.solution
+    wider = widen_by_jumps(
+        replace(run, poses=solution.rows(slice(0, 50))), (Jump(float(solution.time[900]), 30.0 * NORTH),)
+    )
+    np.testing.assert_array_equal(wider.poses.sd, wider.smoothed.solution.sd[:50])

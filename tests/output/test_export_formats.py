@@ -95,8 +95,8 @@ def test_utm_is_that_of_proj(lat, lon, zone):
     east, north, turned = transverse_mercator(np.radians(lats), np.radians(lons - (6.0 * zone - 183.0)))
     proj = Proj(proj="utm", zone=zone, south=south, ellps="WGS84")
     x, y = proj(lons, lats)
-    np.testing.assert_allclose(500e3 + UTM_SCALE * east, x, rtol=0.0, atol=1e-6)
-    np.testing.assert_allclose(1e7 * south + UTM_SCALE * north, y, rtol=0.0, atol=1e-6)
+    np.testing.assert_allclose(500e3 + UTM_SCALE * east, x, rtol=0.0, atol=1.5e-8)
+    np.testing.assert_allclose(1e7 * south + UTM_SCALE * north, y, rtol=0.0, atol=1.5e-8)
     factors = proj.get_factors(lons, lats)
     np.testing.assert_allclose(np.degrees(turned), factors.meridian_convergence, rtol=0.0, atol=1e-7)
 
