@@ -20,6 +20,7 @@ from insnav.output.folder import read_facts
 from insnav.output.solution_tables import has_smoothed, read_solution
 from insnav.output.track_files import WRITERS, Track, body_motion
 from insnav.plain_text import plain_text
+from insnav.steps.given import vector
 from insnav.types import FloatArray, Trajectory
 
 Solution = Literal["smoothed", "filtered", "poses"]
@@ -70,7 +71,7 @@ def track_of(
         lost, where = int(np.sum(~known)), str(folder)
         raise InputError("session.rows_without_position", where=where, count=int(lost))
     found: tuple[Finding, ...] = ()
-    if point is not None:
+    if (point := vector("point", point)) is not None:
         none = np.zeros((len(trajectory.time), 9, 9))
         trajectory = move_to_point(trajectory, body_motion(trajectory)[0], point, none, np.zeros(3))
     if epochs is not None or interval > 0.0:

@@ -59,6 +59,20 @@ def test_rows_fall_on_round_epochs_and_are_exact_there(exact):
         assert np.abs(ned_offset(track.lla, at.lla)).max() < 2e-3
 
 
+def test_rows_are_round_in_unix_time(exact):
+    """A quarter of a microsecond is the resolution there."""
+    run, _ = exact
+    later = 1.7e9
+    imu, gps, start = shifted_imu(), drives.perfect_gps(laps=1), begin(float(shifted_imu().time[0]))
+    start = drives.Begin(
+        replace(start.initial, time=start.initial.time + later),
+        replace(start.alignment, time=start.alignment.time + later),
+    )
+    gps = replace(gps, time=gps.time + later)
+    unix = drives.navigate(replace(imu, time=imu.time + later), gps, start, drives.MODEL, output_interval=0.1)
+    np.testing.assert_allclose(unix.solution.time - later, run.solution.time, rtol=0.0, atol=5e-7)
+
+
 def test_poses_are_at_their_epochs_and_at_their_point(exact):
     run, epochs = exact
     np.testing.assert_allclose(run.poses.time, epochs, rtol=0.0, atol=1e-9)
