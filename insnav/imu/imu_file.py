@@ -1,7 +1,7 @@
 """IMU file (``imu.toml``): error specification of an IMU, with a unit in every value; and calibration file.
 
-`insnav.imu.error_terms.TERMS` defines the keys and units of its sensor tables. Kalibr and related programs use another
-file (``imu.yaml``) with white noise and bias random walk. A calibration file (``calibration.toml``) has the known
+`insnav.imu.specification.TERMS` defines the keys and units of its sensor tables. Kalibr and related programs use
+another file (``imu.yaml``) with white noise and bias random walk. A calibration file (``calibration.toml``) has known
 errors of one IMU, measured = matrix @ true + bias; ``docs/howto/calibration.md`` shows every key.
 
 References
@@ -36,8 +36,7 @@ from insnav.config_file import (
     wrong,
 )
 from insnav.exceptions import ConfigError
-from insnav.imu.error_terms import Sensor, terms_of
-from insnav.imu.specification import FOLDER, PRESETS, ClockSpec, ImuSpec, InitialSpec, SensorSpec
+from insnav.imu.specification import FOLDER, PRESETS, ClockSpec, ImuSpec, InitialSpec, Sensor, SensorSpec, terms_of
 from insnav.units import UNITS
 
 if TYPE_CHECKING:  # a run without a part reads no part file

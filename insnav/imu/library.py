@@ -27,8 +27,7 @@ from pydantic import PlainValidator
 
 from insnav.config_file import Table, axes, read_toml, scalar, validate
 from insnav.exceptions import ConfigError
-from insnav.imu.error_terms import SENSORS, TERMS, terms_of
-from insnav.imu.specification import ImuSpec, SensorSpec
+from insnav.imu.specification import SENSORS, TERMS, ImuSpec, SensorSpec, terms_of
 from insnav.types import FloatArray
 
 FOLDER = Path(__file__).parent / "parts"

@@ -17,7 +17,7 @@ from insnav.input.formats import nmea, ubx
 from insnav.input.formats.source import Source
 from insnav.input.formats.table import Table
 from insnav.input.interpret.columns import Found, is_header, understand
-from insnav.input.interpret.derived import derive
+from insnav.input.interpret.composed import derive
 from insnav.input.interpret.schema import GPS_SCHEMA, IMU_SCHEMA
 from insnav.types import FloatArray, GpsData
 

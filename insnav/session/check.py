@@ -20,7 +20,7 @@ from insnav.filter.delay_and_lever import looked
 from insnav.filter.gps_noise import with_sd
 from insnav.findings import Code, Finding, of_code
 from insnav.imu.health import inspect
-from insnav.imu.noise_density import JOLT, ImuFigures, inspect_samples
+from insnav.imu.inspection import JOLT, ImuFigures, inspect_samples
 from insnav.input import Reading, ReadingFacts, read_gps
 from insnav.input.formats.registry import open_tables
 from insnav.input.readers.imu import parse_units

@@ -15,7 +15,7 @@ from insnav.errors.metrics import interpolated
 from insnav.exceptions import ConfigError, InputError
 from insnav.filter.run_recorder import move_to_point
 from insnav.findings import Code, Finding
-from insnav.input.formats.conventions import DAY, EPOCH, UNIX_DAYS, WEEK_DAYS, leap_seconds
+from insnav.input.formats.time_scales import DAY, EPOCH, UNIX_DAYS, WEEK_DAYS, leap_seconds
 from insnav.output.folder import read_facts
 from insnav.output.solution_tables import has_smoothed, read_solution
 from insnav.output.track_files import WRITERS, Track, body_motion

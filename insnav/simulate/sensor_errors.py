@@ -15,9 +15,8 @@ import numpy as np
 from insnav.earth import lla_offset
 from insnav.exceptions import ConfigError
 from insnav.imu import ClockSpec, ImuErrors, ImuSpec, SensorSpec, corrupt, sample_errors, sample_intervals
-from insnav.imu.error_terms import SENSORS, Sensor, terms_of
 from insnav.imu.model import SAMPLED
-from insnav.imu.specification import noise_of
+from insnav.imu.specification import SENSORS, Sensor, noise_of, terms_of
 from insnav.kernels.error_propagation import first_order
 from insnav.sample_statistics import moving_variance
 from insnav.simulate.truth import Truth, gps_from_truth

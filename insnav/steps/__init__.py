@@ -6,11 +6,14 @@ no other step. It reads the results of earlier steps from the recording and the 
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from importlib import import_module
 from time import perf_counter
-from typing import TYPE_CHECKING, Generic, Literal, TypeVar
+from typing import TYPE_CHECKING, Any, Generic, Literal, TypeVar
+
+from insnav.exceptions import InputError
 
 if TYPE_CHECKING:  # the command-line help needs only the names of inputs
     from collections.abc import Callable, Sequence
@@ -46,6 +49,7 @@ LOAD = STEPS[: STEPS.index("align")]
 # steps that are repeated with another lever arm, or other fixes
 PREPARE = STEPS[STEPS.index("align") : STEPS.index("lever_arm")]
 ALIGN = STEPS[STEPS.index("align") : STEPS.index("explain")]
+_COLUMNS = ("gyro", "accel", "lla", "v_n", "position_sd", "velocity_sd")  # of `ImuData` and `GpsData`
 
 
 @dataclass(frozen=True, slots=True)
@@ -120,7 +124,6 @@ def run_steps(
 ) -> tuple[Recording, Model, tuple[StepRecord, ...]]:
     """Run some steps in order."""
     from insnav.result import StepRecord  # heavy import, therefore late
-    from insnav.steps.failures import naming_data
 
     records = []
     for name in names:
@@ -130,3 +133,24 @@ def run_steps(
             recording, model, findings = step(recording, model)
         records.append(StepRecord(name, findings, perf_counter() - begin))
     return recording, model, tuple(records)
+
+
+@contextmanager
+def naming_data(step: str, *given: Reading[Any] | None) -> Iterator[None]:
+    """Raise a failure of the arithmetic in a step as an `InputError` with the constant columns and largest values."""
+    import numpy as np
+
+    try:
+        yield
+    except (ArithmeticError, np.linalg.LinAlgError) as error:
+        read = [each for each in given if each is not None]
+        parts = ((name, getattr(each.data, name, None)) for name in _COLUMNS for each in read)
+        columns = [(name, values) for name, values in parts if values is not None and np.isfinite(values).any()]
+        raise InputError(
+            "input.arithmetic",
+            where=", ".join(dict.fromkeys(each.facts.path for each in read)),
+            step=step,
+            reason=str(error),
+            constant=tuple(name for name, values in columns if np.nanmin(values) == np.nanmax(values)),
+            largest=tuple(f"{name} {np.nanmax(np.abs(values)):.3g}" for name, values in columns),
+        ) from error

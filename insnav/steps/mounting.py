@@ -20,8 +20,7 @@ from insnav.input import Reading
 from insnav.input.interpret.physics import axes_matrix, check_axes, heading_convention, quiet_part, turns_with_course
 from insnav.kernels.smoother import STATE
 from insnav.steps import Estimate, Model, Recording, Source
-from insnav.steps.axes_by_fixes import WORDS, accel_reversed, mounting_of, refusal
-from insnav.steps.given import as_given, set_up_filter
+from insnav.steps.given import WORDS, accel_reversed, as_given, mounting_of, refusal, set_up_filter
 from insnav.steps.inputs import Inputs
 from insnav.types import FloatArray, GpsData, ImuData
 from insnav.units import DEG

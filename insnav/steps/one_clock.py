@@ -20,7 +20,7 @@ from insnav.input import Reading, check_overlap
 from insnav.input.interpret.overlap import epoch_offset, named_offset, overlap
 from insnav.input.interpret.physics import odd_one
 from insnav.steps import Model, Recording
-from insnav.steps.axes_by_fixes import explained, refuse_unlike_gyros
+from insnav.steps.given import explained, refuse_unlike_gyros
 from insnav.strapdown import Intervals, joined, pieces
 from insnav.types import GpsData, ImuData
 from insnav.units import DEG

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from insnav.imu import SensorSpec
-from insnav.imu.error_terms import TERMS, terms_of
+from insnav.imu.specification import TERMS, terms_of
 from insnav.units import UNITS
 
 RATE, FORCE = np.array([[0.1, -0.2, 0.3]]), np.array([[1.0, -2.0, -9.8]])

@@ -14,7 +14,7 @@ from insnav.errors.evaluated_run import _held, run_warnings
 from insnav.exceptions import InputError
 from insnav.filter.agreement import look_at_fixes
 from insnav.findings import Code, Finding, Severity, of_code
-from insnav.imu.noise_density import inspect_samples
+from insnav.imu.inspection import inspect_samples
 from insnav.messages import sentence
 from insnav.result import Result
 from insnav.session.check import WORST_FIRST, Checked, check

@@ -18,7 +18,7 @@ from tests.refusals import refused
 
 FOLDER = Path(steps.__file__).parent
 # files that are no steps
-SUPPORT = {"__init__", "axes_by_fixes", "failures", "given", "inputs"}
+SUPPORT = {"__init__", "given", "inputs"}
 
 
 @pytest.fixture(scope="module")

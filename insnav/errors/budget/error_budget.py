@@ -24,9 +24,8 @@ from insnav.errors.budget.predicted import analytic, covariance, schuler_rate
 from insnav.errors.budget.sources import STATES, SampledMotion, Source, families, left_out, not_given, only, sources_of
 from insnav.exceptions import ConfigError
 from insnav.imu import ErrorTerms, ImuErrors, ImuSpec, InitialSpec, SensorSpec, sample_errors
-from insnav.imu.error_terms import SENSORS, TERMS, Process
 from insnav.imu.model import SAMPLED
-from insnav.imu.specification import noise_of, noise_of_both
+from insnav.imu.specification import SENSORS, TERMS, Process, noise_of, noise_of_both
 from insnav.kernels import error_propagation as _kernel
 from insnav.sample_statistics import chi_square
 from insnav.simulate.sensor_errors import flicker, further_errors

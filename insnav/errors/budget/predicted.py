@@ -30,7 +30,7 @@ from numpy.typing import ArrayLike
 
 from insnav.earth import earth_rate_n, gravity_n, radii, transport_rate_n
 from insnav.errors.budget.sources import BODY, LOCAL, SampledMotion, Source
-from insnav.imu.error_terms import Process
+from insnav.imu.specification import Process
 from insnav.kernels import error_propagation as _kernel
 from insnav.kernels.error_propagation import noise_variances
 from insnav.simulate.sensor_errors import flicker_processes
@@ -266,7 +266,7 @@ def integral(kind: Process, order: int, time: ArrayLike) -> FloatArray:
     """Compute the standard deviation of the n-fold integral of a unit error that begins at time zero.
 
     `kind`: process of the error, ``constant``, ``ramp``, ``white`` or ``random walk``; see
-    `insnav.imu.error_terms.ErrorTerm`. `order`: n; `time` [s].
+    `insnav.imu.specification.ErrorTerm`. `order`: n; `time` [s].
     Returns: [s^n], [s^(n + 1)] for a ramp, [s^(n - 1/2)] for white noise, [s^(n + 1/2)] for a random walk.
 
     Notes

@@ -1,6 +1,6 @@
 """Input of all parts of a budget: the motion as sensed by an IMU, sample by sample, and independent scalar sources.
 
-`insnav.imu.error_terms.TERMS` defines the sensor terms; errors of initial state, gravity and timing are added. The list
+`insnav.imu.specification.TERMS` defines the sensor terms; errors of initial state, gravity, timing are added. The list
 contains all 39 sources of the covariance budget of the PSINS toolbox, and more. The 39 are attitude, velocity,
 position, bias and white noise of both sensor triads, and the nine elements of both sensor matrices.
 """
@@ -18,7 +18,7 @@ from insnav.attitude import dcm_from_rph
 from insnav.earth import gravity_n
 from insnav.exceptions import ConfigError
 from insnav.imu import ClockSpec, ImuSpec, InitialSpec, SensorSpec
-from insnav.imu.error_terms import SENSORS, TERMS, ErrorTerm, Process, terms_of
+from insnav.imu.specification import SENSORS, TERMS, ErrorTerm, Process, terms_of
 from insnav.kernels.mechanization import POLAR_CAP
 from insnav.simulate.truth import Truth, imu_from_truth, reference, straight
 from insnav.strapdown import increments, intervals

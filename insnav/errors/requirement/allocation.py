@@ -17,7 +17,7 @@ from insnav.errors.budget.predicted import covariance
 from insnav.errors.budget.sources import SampledMotion, families, sources_of, term_of
 from insnav.exceptions import ConfigError
 from insnav.imu import ImuSpec, InitialSpec, SensorSpec
-from insnav.imu.error_terms import SENSORS, terms_of
+from insnav.imu.specification import SENSORS, terms_of
 from insnav.sample_statistics import CONFIDENCE, chi_square
 from insnav.types import FloatArray
 from insnav.units import DEG, G0

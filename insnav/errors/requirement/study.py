@@ -33,9 +33,8 @@ from insnav.errors.budget.sources import SampledMotion, Source, families, sample
 from insnav.errors.requirement.allocation import Allocation, Requirement, binomial_interval, last_sample
 from insnav.findings import Code, Finding
 from insnav.imu import ImuSpec, SensorSpec, load_imu
-from insnav.imu.error_terms import TERMS, Sensor, terms_of
 from insnav.imu.library import Part, completed
-from insnav.imu.specification import noise_of_both
+from insnav.imu.specification import TERMS, Sensor, noise_of_both, terms_of
 from insnav.kernels import error_propagation as _kernel
 from insnav.simulate.truth import Truth
 from insnav.types import FloatArray

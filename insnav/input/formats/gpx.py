@@ -14,9 +14,10 @@ import numpy as np
 
 from insnav.exceptions import InputError
 from insnav.findings import Code, Finding
-from insnav.input.formats.conventions import number_in, seconds_of_week, unix_days
+from insnav.input.formats.conventions import number_in
 from insnav.input.formats.source import Source, decoded
 from insnav.input.formats.table import Table, column_table
+from insnav.input.formats.time_scales import seconds_of_week, unix_days
 
 name = "GPX track"
 suffixes = (".gpx",)

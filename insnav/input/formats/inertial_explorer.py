@@ -16,11 +16,12 @@ import numpy as np
 
 from insnav.exceptions import InputError
 from insnav.findings import Code, Finding
-from insnav.input.formats.conventions import ATTITUDE, VELOCITY, WEEK_DAYS, GpsTime, Scale, deviations, seconds_of_week
+from insnav.input.formats.conventions import ATTITUDE, VELOCITY, deviations
 from insnav.input.formats.delimited_text import TextCells
 from insnav.input.formats.source import Source, text_of
 from insnav.input.formats.table import Table, column_table
 from insnav.input.formats.text_dialect import Dialect
+from insnav.input.formats.time_scales import WEEK_DAYS, GpsTime, Scale, seconds_of_week
 from insnav.plain_text import plain_text
 from insnav.types import FloatArray
 

@@ -17,11 +17,11 @@ from collections.abc import Mapping
 import numpy as np
 
 from insnav.findings import Code, Finding
-from insnav.input.formats.conventions import WEEK
 from insnav.input.formats.delimited_text import TextCells
 from insnav.input.formats.source import Source, decoded, text_of
 from insnav.input.formats.table import Table
 from insnav.input.formats.text_dialect import Dialect
+from insnav.input.formats.time_scales import WEEK
 from insnav.types import FloatArray
 from insnav.units import DEG
 

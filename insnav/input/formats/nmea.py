@@ -18,9 +18,10 @@ import numpy as np
 
 from insnav.exceptions import InputError
 from insnav.findings import Code, Finding
-from insnav.input.formats.conventions import GpsTime, gps_days, number_in, seconds_of_week, without_fix
+from insnav.input.formats.conventions import number_in, without_fix
 from insnav.input.formats.source import Source
 from insnav.input.formats.table import Table, column_table
+from insnav.input.formats.time_scales import GpsTime, gps_days, seconds_of_week
 from insnav.input.interpret.columns import is_header
 from insnav.input.interpret.schema import GPS_SCHEMA, IMU_SCHEMA
 from insnav.types import FloatArray

@@ -24,17 +24,15 @@ from insnav.input.formats.conventions import (
     DVEL,
     PLACE,
     VELOCITY,
-    WEEK,
-    WEEK_DAYS,
     deviations,
     fix_table,
     of_course,
-    seconds_of_week,
     triad,
 )
 from insnav.input.formats.messages import Bytes, Framing, joined, layout
 from insnav.input.formats.source import Source
 from insnav.input.formats.table import Table, column_table
+from insnav.input.formats.time_scales import WEEK, WEEK_DAYS, seconds_of_week
 from insnav.types import FloatArray
 from insnav.units import DEG
 

@@ -20,11 +20,11 @@ import numpy as np
 from insnav.earth import earth_from_lla, level_from_earth, lla_from_earth
 from insnav.exceptions import InputError
 from insnav.findings import Code, Finding
-from insnav.input.formats.conventions import GpsTime, gps_days, seconds_of_week
 from insnav.input.formats.delimited_text import TextCells
 from insnav.input.formats.source import Source, decoded, text_of
 from insnav.input.formats.table import ArrayCells, Table
 from insnav.input.formats.text_dialect import Dialect
+from insnav.input.formats.time_scales import GpsTime, gps_days, seconds_of_week
 from insnav.plain_text import plain_text
 from insnav.types import BoolArray, FloatArray
 from insnav.units import DEG

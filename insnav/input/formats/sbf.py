@@ -22,12 +22,9 @@ from insnav.input.formats.conventions import (
     GYRO,
     PLACE,
     VELOCITY,
-    WEEK,
-    WEEK_DAYS,
     deviations,
     fix_table,
     level_covariance,
-    seconds_of_week,
     triad,
     up_or_down,
     with_force,
@@ -35,6 +32,7 @@ from insnav.input.formats.conventions import (
 from insnav.input.formats.messages import Bytes, Framing, as_records, joined, layout
 from insnav.input.formats.source import Source
 from insnav.input.formats.table import Table, column_table
+from insnav.input.formats.time_scales import WEEK, WEEK_DAYS, seconds_of_week
 from insnav.types import FloatArray
 from insnav.units import DEG
 

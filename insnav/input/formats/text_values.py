@@ -15,7 +15,7 @@ import numpy as np
 from insnav.deferred import library
 from insnav.exceptions import InputError
 from insnav.findings import Code, Finding
-from insnav.input.formats.conventions import GpsTime, gps_days, seconds_of_week, unix_days
+from insnav.input.formats.time_scales import GpsTime, gps_days, seconds_of_week, unix_days
 from insnav.plain_text import plain_text
 from insnav.types import FloatArray
 

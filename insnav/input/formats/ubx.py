@@ -20,6 +20,7 @@ from insnav.input.formats import conventions, nmea
 from insnav.input.formats.messages import Framing, Messages, at_times, joined, layout
 from insnav.input.formats.source import Source
 from insnav.input.formats.table import Table, column_table
+from insnav.input.formats.time_scales import WEEK, WEEK_DAYS, GpsTime, gps_days, leap_seconds, seconds_of_week
 from insnav.types import BoolArray, FloatArray
 from insnav.units import DEG
 
@@ -133,9 +134,9 @@ def _fixes(source: Source, found: Mapping[str, _Found], base: str, notes: list[F
     rows, key = main.rows, main.key
     names = rows.dtype.names or ()
     week = _week(rows) if "year" in names else _joined_week(key, found)
-    time, note, first = conventions.GpsTime(1e-3 * key, Finding.of(Code.READ_TIME_UNKNOWN_WEEK), None)
+    time, note, first = GpsTime(1e-3 * key, Finding.of(Code.READ_TIME_UNKNOWN_WEEK), None)
     if np.isfinite(week).all():
-        time, note, first = conventions.seconds_of_week(conventions.WEEK_DAYS * week, 1e-3 * key)
+        time, note, first = seconds_of_week(WEEK_DAYS * week, 1e-3 * key)
     fused = Finding.of(Code.READ_FUSED, fix_type=4) if "heading" in names else None
     columns = {"time_s": time, **_position(rows)}
     hp = found["HPPOSLLH"]
@@ -164,11 +165,11 @@ def _week(rows: NDArray[Any]) -> FloatArray:
     valid = (rows["valid"] & 1 == 1) & (rows["year"] > 1979) & (rows["month"] >= 1) & (rows["month"] <= 12)
     week = np.full(len(rows), np.nan)
     part = rows[valid]
-    day = conventions.gps_days(*(part[key].astype(np.float64) for key in ("year", "month", "day")))
+    day = gps_days(*(part[key].astype(np.float64) for key in ("year", "month", "day")))
     second = 3600.0 * part["hour"] + 60.0 * part["min"] + part["sec"]
     # time of the week is exact; the date, rounded near midnight, only identifies the week
-    since = day * 86_400.0 + second + conventions.leap_seconds(day, second)
-    week[valid] = np.round((since - 1e-3 * part["iTOW"]) / conventions.WEEK)
+    since = day * 86_400.0 + second + leap_seconds(day, second)
+    week[valid] = np.round((since - 1e-3 * part["iTOW"]) / WEEK)
     return _filled(week, rows["iTOW"].astype(np.float64))
 
 

@@ -21,6 +21,7 @@ from insnav.input.formats.delimited_text import TextCells
 from insnav.input.formats.source import Source, decoded, text_of
 from insnav.input.formats.table import ArrayCells, Table
 from insnav.input.formats.text_dialect import Dialect
+from insnav.input.formats.time_scales import DAY, GpsTime, gps_days, seconds_of_week
 from insnav.input.interpret.columns import find_unit, is_header
 from insnav.input.interpret.schema import ALL_UNITS, IMU_SCHEMA, compact
 from insnav.plain_text import plain_text
@@ -54,11 +55,11 @@ def read(source: Source) -> Mapping[str, Table]:
     numbers = cells.read(range(len(names)))
     own = dict(zip(words, numbers.columns.values(), strict=True))
     sats, clock = own["sats"], own["time"]
-    second = np.unwrap(clock // 10_000 * 3600.0 + clock // 100 % 100 * 60.0 + clock % 100, period=conventions.DAY)
-    time = conventions.GpsTime(second, None, None)
+    second = np.unwrap(clock // 10_000 * 3600.0 + clock // 100 % 100 * 60.0 + clock % 100, period=DAY)
+    time = GpsTime(second, None, None)
     if (created := _CREATED.search(parts[0])) is not None:
-        day = conventions.gps_days(*(np.array([float(each)]) for each in reversed(created.groups())))
-        time = conventions.seconds_of_week(np.full(len(second), day[0]), second, "UTC")
+        day = gps_days(*(np.array([float(each)]) for each in reversed(created.groups())))
+        time = seconds_of_week(np.full(len(second), day[0]), second, "UTC")
     unknown = np.full(len(second), np.nan)
     place = np.column_stack([own["lat"] / 60.0, -own["long"] / 60.0, own.get("height", unknown)])
     columns = {"time_s": time.time, **conventions.triad(conventions.MSL_PLACE, place)}

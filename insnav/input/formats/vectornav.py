@@ -13,20 +13,10 @@ import numpy as np
 
 from insnav.findings import Code, Finding
 from insnav.input.formats import delimited_text
-from insnav.input.formats.conventions import (
-    ACCEL,
-    GYRO,
-    VELOCITY,
-    WEEK_DAYS,
-    GpsTime,
-    TextColumns,
-    deviations,
-    fix_table,
-    seconds_of_week,
-    text_columns,
-)
+from insnav.input.formats.conventions import ACCEL, GYRO, VELOCITY, TextColumns, deviations, fix_table, text_columns
 from insnav.input.formats.source import Source
 from insnav.input.formats.table import Table, column_table
+from insnav.input.formats.time_scales import WEEK_DAYS, GpsTime, seconds_of_week
 from insnav.types import FloatArray
 
 name = "VectorNav CSV"

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from insnav.exceptions import InputError
-from insnav.input.formats.conventions import DAY, UNIX_DAYS, WEEK
+from insnav.input.formats.time_scales import DAY, UNIX_DAYS, WEEK
 from insnav.types import GpsData, ImuData
 
 GPS_EPOCH = UNIX_DAYS * DAY  # 6 January 1980 in Unix time [s]

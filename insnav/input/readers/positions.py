@@ -18,7 +18,7 @@ from insnav.input.formats.registry import open_table
 from insnav.input.formats.table import Table
 from insnav.input.interpret.clean import GPS_KINDS, REFERENCE_KINDS, Kinds
 from insnav.input.interpret.columns import Found, agrees, position_columns, quote_columns, require, suggest, understand
-from insnav.input.interpret.derived import derive, undulation
+from insnav.input.interpret.composed import derive, undulation
 from insnav.input.interpret.physics import stated_unit
 from insnav.input.interpret.schema import ALL_UNITS, GPS_SCHEMA, IMU_SCHEMA, REFERENCE_SCHEMA, Quantity, compact
 from insnav.input.interpret.velocities import Fit, fit_velocities, turns_in_radians

@@ -21,9 +21,8 @@ import numpy as np
 
 from insnav.exceptions import InputError
 from insnav.findings import Code, Finding
-from insnav.imu.error_terms import terms_of
 from insnav.imu.health import inspect
-from insnav.imu.specification import ImuSpec, SensorSpec
+from insnav.imu.specification import ImuSpec, SensorSpec, terms_of
 from insnav.lab.calibration import about, warming
 from insnav.lab.noise import allan as noise
 from insnav.lab.noise.allan import AllanDeviation, EvenRecord, NoiseModel, Sinusoid, evaluated

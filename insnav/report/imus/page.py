@@ -5,9 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from insnav.findings import Code, Finding
-from insnav.imu.error_terms import TERMS
 from insnav.imu.library import PROVENANCE, Figure, Part
-from insnav.imu.specification import PRESETS
+from insnav.imu.specification import PRESETS, TERMS
 from insnav.messages import sentence
 from insnav.quantity import Quantity
 from insnav.report.page import DataFrame, Page, Section, of_table, one_each, only_json, rows_frame
