@@ -1,4 +1,4 @@
-"""Declaration of options, those of several commands with one name and help text each, and their texts as values."""
+"""Options: declarations, conversion of texts to values, and options of several commands with one name and help text."""
 
 from __future__ import annotations
 

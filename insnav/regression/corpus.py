@@ -39,9 +39,9 @@ from insnav.imu import ImuSpec, identify, load_imu
 from insnav.imu.imu_file import to_toml
 from insnav.input import read_gps, read_imu, read_reference
 from insnav.output.folder import file_sha256
-from insnav.simulate import recording as gps_config
 from insnav.simulate.motion import load_profile
-from insnav.simulate.recording import MOTION_STREAM, parse_fault, perfect_imu, simulate_recording, times
+from insnav.simulate.recording import MOTION_STREAM, load_gps, parse_fault, perfect_imu, simulate_recording, times
+from insnav.simulate.recording import to_toml as gps_to_toml
 from insnav.simulate.truth import gps_from_truth
 from insnav.types import FloatArray, GpsData, ImuData, Trajectory
 
@@ -207,7 +207,7 @@ class SimulatedSource:
         profile = load_profile(name, case.folder)
         self._truth = profile.truth((_MOTION_SEED, MOTION_STREAM))
         self._spec = load_imu(case.model(case.imu))
-        self._gps = replace(gps_config.load_gps(case.model(case.gps)), lever_b=case.lever_arm)
+        self._gps = replace(load_gps(case.model(case.gps)), lever_b=case.lever_arm)
         self._perfect = perfect_imu(self._truth, case.rate)
         self._faults = tuple(parse_fault(text) for text in case.fault)
         lever_b = np.array(case.lever_arm)
@@ -216,9 +216,7 @@ class SimulatedSource:
         self._exact = replace(exact, position_sd=sd, velocity_sd=sd)
         self._settings = FilterSettings(lever_b=lever_b, delay_sd=DELAY_SD)
         self.files: dict[str, str] = {}
-        self.digest = digest(
-            case, {"profile": profile.text, "imu": to_toml(self._spec), "gps": gps_config.to_toml(self._gps)}
-        )
+        self.digest = digest(case, {"profile": profile.text, "imu": to_toml(self._spec), "gps": gps_to_toml(self._gps)})
 
     def material(self, seed: int) -> Material:
         """Simulate the recording of one seed."""

@@ -35,6 +35,7 @@ from insnav.session.simulation import IDEAL, Plan
 from insnav.simulate.montecarlo import Runs
 from insnav.simulate.motion import MotionProfile
 from insnav.simulate.recording import Recording, times
+from insnav.simulate.recording import to_toml as gps_to_toml
 from insnav.simulate.sensor_errors import GpsSpec
 from insnav.simulate.truth import Kinematics, Truth
 from insnav.simulate.truth_from_track import Residual
@@ -115,9 +116,7 @@ def model_texts(plan: Plan) -> dict[str, str]:
     if plan.imu is not None:
         texts["imu.toml"] = to_toml(plan.imu)
     if plan.gps is not None:
-        from insnav.simulate import recording as gps_config
-
-        texts["gps.toml"] = gps_config.to_toml(plan.gps)
+        texts["gps.toml"] = gps_to_toml(plan.gps)
     return texts
 
 
