@@ -11,7 +11,7 @@ import grimp
 import insnav
 
 ROOT = Path(insnav.__file__).parent
-LINES = 64067  # of all Python files of the package
+LINES = 64070  # of all Python files of the package
 CONSTANTS = 445  # named numbers at the top of the modules in `TUNED`
 TUNED = ("filter", "alignment", "session", "steps", "explain")
 
@@ -19,7 +19,7 @@ TUNED = ("filter", "alignment", "session", "steps", "explain")
 def test_no_import_cycles() -> None:
     """Imports under TYPE_CHECKING and inside functions count, too."""
     graph = grimp.build_graph("insnav", exclude_type_checking_imports=False, cache_dir=None)
-    assert len(graph.modules) > 300
+    assert len(graph.modules) > 250
     cycles = {}
     for module in sorted(graph.modules):
         for imported in sorted(graph.find_modules_directly_imported_by(module)):

@@ -195,7 +195,8 @@ def faults_of(parts: Iterable[Part]) -> list[Fault]:
 
 def mix(record: LinearRecord, search: Search) -> tuple[FloatArray, FloatArray]:
     """Compute the variance between explanations, weighted by their probability: epochs (m,) [s], variances (m, 9)."""
-    every = [search.best, *search.others]
+    # a run again about faults of the IMU may have other epochs
+    every = [search.best, *(each for each in search.others if each.seen.nav.shape == search.best.seen.nav.shape)]
     part = np.exp(-0.5 * (np.array([each.cost for each in every]) - search.best.cost))
     off = np.array([each.seen.nav - search.best.seen.nav for each in every])
     off[:, :, 6:8] = np.linalg.norm(off[:, :, 6:8], axis=2, keepdims=True)  # tilts are of the level axes

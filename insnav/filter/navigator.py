@@ -148,7 +148,7 @@ class Navigator:
         self._aiding.restart(start.time)
 
     def _cuts(self, begin: float, end: float) -> FloatArray:
-        """Return the times at which intervals from `begin` to `end` are cut: start, fixes and rows of the solution.
+        """Return the times at which intervals from `begin` to `end` are cut: start, fixes and wanted poses.
 
         A tenth of a millisecond before a pose of another point, too: its velocity needs the rate at the epoch.
         """
@@ -159,7 +159,7 @@ class Navigator:
             for some in (self._fix_time[self._next :], settings.epochs)
         )
         poses = np.empty(0) if settings.point_b is None else wanted if settings.epochs.size else grid
-        cuts = np.sort(np.concatenate([[self._start], fixes, grid, wanted, poses - 100.0 * strapdown.TIME_TOLERANCE]))
+        cuts = np.sort(np.concatenate([[self._start], fixes, wanted, poses, poses - 100.0 * strapdown.TIME_TOLERANCE]))
         return np.asarray(cuts[np.diff(cuts, prepend=-np.inf) > strapdown.TIME_TOLERANCE])
 
     def _begin_grid(self, time: float) -> None:

@@ -364,7 +364,9 @@ def propagate(  # type: ignore[no-untyped-def]
             if not due or (at_all and aim >= time[k] - SAME_TIME):
                 break
             if grid[0] <= aim + SAME_TIME:  # further epochs of the grid in this interval have no row
-                grid[0] = (max(np.floor((time[k] + SAME_TIME) / grid[1]), np.round(grid[0] / grid[1])) + 1.0) * grid[1]
+                grid[0] = (
+                    max(np.floor((time[k] + SAME_TIME) / grid[1]), np.floor(grid[0] / grid[1] + 0.5)) + 1.0
+                ) * grid[1]
         if full and not (close and k == last - 1):
             return k + 1
     return last

@@ -12,9 +12,9 @@ from tests.refusals import refused
 
 @pytest.mark.parametrize("options", [{"fault": "gps-outage@200s+30s"}, {"sed": 5}])
 def test_an_unknown_word_of_a_simulation_is_refused(options):
-    with pytest.raises(ConfigError, match=r"input.unknown") as caught:
+    """By Python itself: the options are the signature, which editors show."""
+    with pytest.raises(TypeError, match="unexpected keyword argument"):
         insnav.simulate("city", **options)
-    assert "faults" in caught.value.fix
 
 
 def test_unknown_words_of_a_drive_are_refused():
