@@ -160,6 +160,8 @@ class _Searcher:
             forms.add(form)
             added = with_known(proposal, fit.steps)
             trial = self.settle(start, added)
+            if any(step.kind.fills for step in added):  # a variance: no Gauss-Newton step, so slower
+                trial = self.converge(trial)
             trials[len(considered)] = trial
             new = tuple(step for step in added if step not in fit.steps)
             considered.append(Considered(new, proposal.gain, fit.cost - trial.cost, accepted=False))
