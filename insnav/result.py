@@ -17,6 +17,7 @@ from insnav.exceptions import as_keywords
 from insnav.findings import Finding
 from insnav.imu.specification import ImuSpec
 from insnav.input.readers.reading import ReadingFacts
+from insnav.messages import language
 from insnav.output.folder import RunFolder
 
 if TYPE_CHECKING:
@@ -89,16 +90,19 @@ class Result(Generic[F]):
         -------
         Page
         """
-        return self._page
+        if language() not in self._pages:
+            self._pages[language()] = cast("Page", _save.page_of(self))
+        return self._pages[language()]
 
     @cached_property
-    def _page(self) -> Page:
-        return cast("Page", _save.page_of(self))
+    def _pages(self) -> dict[str, Page]:
+        """Pages that are laid out, by language."""
+        return {}
 
     @property
     def laid_out(self) -> Page | None:
         """Page, if already laid out."""
-        return self.__dict__.get("_page")
+        return self._pages.get(language())
 
     def save(
         self,
