@@ -18,7 +18,7 @@ from insnav.filter.measurements import measurements_from_drive
 from insnav.filter.measurements.measurement import FirstPass
 from insnav.filter.measurements.sensors import NonHolonomic, ZeroVelocity
 from insnav.filter.navigator import Navigator
-from insnav.filter.prepare import Prepared, Start, prepare
+from insnav.filter.prepare import GivenStart, Prepared, prepare
 from insnav.filter.run_recorder import on_grid
 from insnav.filter.settings import FilterSettings
 from insnav.findings import Code, Finding
@@ -56,22 +56,19 @@ def navigate_recording(
     settings: FilterSettings,
     *,
     states: int = 21,
-    start: Start | None = None,
-    static_span: tuple[float, float] | None = None,
-    heading: float | None = None,
+    known: GivenStart = GivenStart(),  # noqa: B008  # frozen
     aiding: AidingChoice = "auto",
     progress: Callable[[float], None] | None = None,
 ) -> Navigated:
     """Navigate one recording: `prepare` it and feed it to the filter.
 
-    `states`: 21 or 15, with or without scale factor errors. `start`: initial state, by default the data are aligned.
-    `static_span`: stationary interval for the alignment [s]. `heading`: at the start [rad]. `aiding`: non-holonomic
+    `states`: 21 or 15, with or without scale factor errors. `known`: inputs to the alignment. `aiding`: non-holonomic
     constraint, odometer, ZUPT, barometer and `settings.logs`, calibrated in a first pass (auto: where there are logs or
     GPS gaps). `progress`: called with the fraction done.
     Raises: InputError: no fixes, or an initial state outside the record. AlignmentError: the data do not determine the
     attitude. DivergenceError: the filter lost consistency.
     """
-    ready = prepare(imu, gps, spec, settings, states=states, start=start, static_span=static_span, heading=heading)
+    ready = prepare(imu, gps, spec, settings, states=states, known=known)
     return navigate_prepared(ready, spec, aiding=aiding, progress=progress)
 
 

@@ -56,6 +56,15 @@ class Start:
     attitude_sd: FloatArray
 
 
+@dataclass(frozen=True, slots=True)
+class GivenStart:
+    """Inputs of the user to the alignment; the data give the others."""
+
+    state: Start | None = None
+    static_span: tuple[float, float] | None = None  # stationary interval [s]
+    heading: float | None = None  # at the start [rad]
+
+
 class Explains(Protocol):
     """Faults of a record; see `insnav.explain.explanation.Explanation`."""
 
@@ -178,9 +187,7 @@ def prepare(
     settings: FilterSettings,
     *,
     states: int = 21,
-    start: Start | None = None,
-    static_span: tuple[float, float] | None = None,
-    heading: float | None = None,
+    known: GivenStart = GivenStart(),  # frozen
     nominal: float | None = None,
     as_given: bool = False,
 ) -> Prepared:
@@ -188,6 +195,7 @@ def prepare(
 
     `nominal`: sampling interval, by default from the samples [s]. `as_given`: estimate no noise.
     """
+    start, static_span = known.state, known.static_span
     imu, faults = inspect(imu)
     _check(imu, gps, start)
     reported = bool(np.isfinite(gps.position_sd).all())
@@ -214,7 +222,7 @@ def prepare(
                 spec,
                 fixes,
                 static_span=static_span if first or inside else None,
-                heading=heading if first else None,
+                heading=known.heading if first else None,
                 yaw=settings.mounting_yaw,
                 lever_sd=settings.lever_sd,
             )

@@ -51,16 +51,6 @@ if TYPE_CHECKING:  # slow imports happen where they are used: a run needs no bud
 
 _report = library("insnav.report.run.panels")
 SHORT_REST = 10.0  # steady motion may resemble a stop for this long [s]
-STAGES = {  # description of the work, by step
-    **dict.fromkeys(("clean", "one_clock", "receiver_noise", "imu_noise", "mounting"), "checking the data"),
-    **{"align": "aligning", "noise": "finding the noise", "lever_arm": "finding the noise"},
-    **{
-        "explain": "looking for faults",
-        "navigate": "navigating",
-        "check_given": "evaluating",
-        "evaluate": "evaluating",
-    },
-}
 REFERENCE_SD = (0.05, None)  # sd of reference positions and velocities [m], [m/s]; None: velocities are not used
 
 
@@ -138,19 +128,7 @@ def drive_of(recording: Recording) -> Drive:
 
     Raises: InputError: IMU and GPS have no common time.
     """
-    return Drive(*_stepwise(LOAD, recording, given_model(recording)))
-
-
-def _stepwise(
-    names: Sequence[str], recording: Recording, model: Model
-) -> tuple[Recording, Model, tuple[StepRecord, ...]]:
-    """Run some steps, and report each to the progress display."""
-    records: tuple[StepRecord, ...] = ()
-    for name in names:
-        announce(STAGES[name])
-        recording, model, record = run_steps((name,), recording, model)
-        records += record
-    return recording, model, records
+    return Drive(*run_steps(LOAD, recording, given_model(recording)))
 
 
 @dataclass(frozen=True, slots=True)
@@ -255,7 +233,7 @@ class Drive:
         """
         model = self.model if task is None else replace(self.model, task=task)
         wanted = STEPS[len(self.steps) : STEPS.index(step) + 1]
-        recording, model, steps = _stepwise(wanted, self.recording, model)
+        recording, model, steps = run_steps(wanted, self.recording, model)
         return Drive(recording, model, (*self.steps, *steps))
 
     @in_notebook

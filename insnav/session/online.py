@@ -17,7 +17,7 @@ from insnav.exceptions import AlignmentError, InputError
 from insnav.filter.error_model import Part
 from insnav.filter.gps_noise import with_sd
 from insnav.filter.navigator import COAST, Navigator
-from insnav.filter.prepare import AFTER, DELAY_SD, LONGEST_GAP, SHORTEST, Start, prepare, spans
+from insnav.filter.prepare import AFTER, DELAY_SD, LONGEST_GAP, SHORTEST, GivenStart, Start, prepare, spans
 from insnav.filter.run_recorder import ROOM, Record
 from insnav.filter.settings import FilterSettings
 from insnav.findings import Code, ErrorFacts, Finding
@@ -301,9 +301,7 @@ class OnlineFilter:
             ready = prepare(
                 *(held, gps, self._spec, self._settings),
                 states=self._states,
-                start=start,
-                static_span=self._static,
-                heading=self._heading if first else None,
+                known=GivenStart(start, self._static, self._heading if first else None),
                 nominal=self._nominal,
                 as_given=True,
             )

@@ -14,6 +14,7 @@ from time import perf_counter
 from typing import TYPE_CHECKING, Any, Generic, Literal, TypeVar
 
 from insnav.exceptions import InputError
+from insnav.progress import announce
 
 if TYPE_CHECKING:  # the command-line help needs only the names of inputs
     from collections.abc import Callable, Sequence
@@ -49,6 +50,13 @@ LOAD = STEPS[: STEPS.index("align")]
 # steps that are repeated with another lever arm, or other fixes
 PREPARE = STEPS[STEPS.index("align") : STEPS.index("lever_arm")]
 ALIGN = STEPS[STEPS.index("align") : STEPS.index("explain")]
+_STAGES = dict.fromkeys(LOAD, "checking the data") | {  # what the progress display calls them
+    "align": "aligning",
+    "explain": "looking for faults",
+    **dict.fromkeys(("noise", "lever_arm"), "finding the noise"),
+    "navigate": "navigating",
+    **dict.fromkeys(("check_given", "evaluate"), "evaluating"),
+}
 _COLUMNS = ("gyro", "accel", "lla", "v_n", "position_sd", "velocity_sd")  # of `ImuData` and `GpsData`
 
 
@@ -120,13 +128,14 @@ class Model:
 
 
 def run_steps(
-    names: tuple[str, ...], recording: Recording, model: Model
+    names: Sequence[str], recording: Recording, model: Model
 ) -> tuple[Recording, Model, tuple[StepRecord, ...]]:
-    """Run some steps in order."""
+    """Run some steps in order, and announce each to the progress display."""
     from insnav.result import StepRecord  # heavy import, therefore late
 
     records = []
     for name in names:
+        announce(_STAGES[name])
         begin = perf_counter()
         step = getattr(import_module(f"insnav.steps.{name}"), name)
         with naming_data(name, recording.imu, recording.gps):

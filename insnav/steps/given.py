@@ -17,7 +17,7 @@ from insnav.alignment.mounting import ALL_ALIKE, IN_ORDER
 from insnav.exceptions import ConfigError, InputError
 from insnav.explain.kinds import with_priors
 from insnav.filter.innovation_likelihood import LONGEST
-from insnav.filter.prepare import DELAY_SD, Prepared, Start, prepare
+from insnav.filter.prepare import DELAY_SD, GivenStart, Prepared, Start, prepare
 from insnav.filter.settings import FilterSettings
 from insnav.findings import Code, Finding
 from insnav.imu import load_imu
@@ -251,9 +251,11 @@ def set_up_filter(
         model.imu[0],
         replace(settings, logs=tuple(replace(log, time=moved(log.time)) for log in settings.logs)),
         states=model.task.states,
-        start=replace(initial, time=moved(initial.time)) if isinstance(initial, Start) else None,
-        static_span=None if span is None else (moved(span[0]), moved(span[1])),
-        heading=heading,
+        known=GivenStart(
+            replace(initial, time=moved(initial.time)) if isinstance(initial, Start) else None,
+            None if span is None else (moved(span[0]), moved(span[1])),
+            heading,
+        ),
         as_given=as_given(inputs),
     )
     return replace(ready, clock=clock + 0.5 * rate * (end - begin), rate=rate)

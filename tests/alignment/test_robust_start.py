@@ -15,6 +15,7 @@ from insnav.exceptions import AlignmentError
 from insnav.filter import FilterSettings
 from insnav.filter.fine_alignment import fine_alignment
 from insnav.filter.navigate import Navigated, navigate_recording
+from insnav.filter.prepare import GivenStart
 from insnav.findings import Code
 from insnav.simulate import corrupt_gps, corrupt_imu, gps_from_truth, reference, straight
 from insnav.strapdown import intervals
@@ -103,7 +104,7 @@ def test_a_static_interval_of_few_samples_is_an_error(drive, span):
         align_static(intervals(drive.imu), drive.spec, PLACE[0], PLACE[2], span)
     assert caught.value.fix
     with refused(AlignmentError, "align.no_fix_at_rest" if span[0] == 9000.0 else "align.short_static"):
-        navigated(drive, drive.gps, static_span=span)
+        navigated(drive, drive.gps, known=GivenStart(static_span=span))
 
 
 def test_a_start_in_motion_is_at_a_fix():

@@ -10,7 +10,7 @@ import numpy as np
 
 from insnav.filter import FilterSettings
 from insnav.filter.navigate import Navigated, navigate_recording
-from insnav.filter.prepare import DELAY_SD, Start
+from insnav.filter.prepare import DELAY_SD, GivenStart, Start
 from insnav.imu import load_imu
 from insnav.imu.specification import ImuSpec
 from insnav.input import read_gps, read_imu
@@ -65,7 +65,7 @@ def navigate(recording: Recording, *, given_start: bool) -> tuple[Navigated, flo
     """Navigate once; the result and its CPU time [s]."""
     begin = time.process_time()
     start = recording.start if given_start else None
-    done = navigate_recording(recording.imu, recording.gps, recording.spec, recording.settings, start=start)
+    done = navigate_recording(recording.imu, recording.gps, recording.spec, recording.settings, known=GivenStart(start))
     return done, time.process_time() - begin
 
 

@@ -14,6 +14,7 @@ from insnav.errors.ensemble import COMPONENTS, FIGURES, GROUPS, band, ensemble, 
 from insnav.exceptions import AlignmentError, InputError
 from insnav.filter import FilterSettings
 from insnav.filter.navigate import navigate_recording
+from insnav.filter.prepare import GivenStart
 from insnav.findings import Code, Finding
 from insnav.imu import ImuSpec, load_imu
 from insnav.simulate import GpsErrors, Truth, corrupt_gps, corrupt_imu, gps_from_truth, imu_from_truth, reference
@@ -162,7 +163,7 @@ class Drive:
         errors = GpsErrors((1.5, 1.5, 3.0), velocity_noise=(0.1, 0.1, 0.15))
         gps = corrupt_gps(gps_from_truth(self.motion, time, drives.LEVER_B), errors, (seed, 2))
         settings = FilterSettings(lever_b=drives.LEVER_B, delay_sd=0.05, smooth=False)
-        run = navigate_recording(imu, gps, self.spec, settings, heading=self.heading).run
+        run = navigate_recording(imu, gps, self.spec, settings, known=GivenStart(heading=self.heading)).run
         return reduced(run, self.motion, NO_AXES)
 
 

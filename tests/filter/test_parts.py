@@ -14,7 +14,7 @@ from insnav.filter import FilterSettings, initial_state
 from insnav.filter.error_model import first_state
 from insnav.filter.estimate import Across, Estimate
 from insnav.filter.navigate import Navigated, navigate_prepared, navigate_recording
-from insnav.filter.prepare import Prepared, Start, prepare
+from insnav.filter.prepare import GivenStart, Prepared, Start, prepare
 from insnav.findings import Code, of_code
 from insnav.kernels.dynamics import NAV
 from insnav.simulate import reference
@@ -146,7 +146,7 @@ def test_a_given_start_holds_for_its_part_only():
     imu, gps = recording(0, (100.0, 105.0))
     at = reference(drives.truth(LAPS), np.array([START + 20.0]))
     start = Start(START + 20.0, at.lla[0], at.v_n[0], at.rph[0], np.ones(3), np.full(3, 0.1), np.full(3, DEG))
-    ready = prepare(imu, gps, drives.SPEC, SETTINGS, start=start)
+    ready = prepare(imu, gps, drives.SPEC, SETTINGS, known=GivenStart(start))
     assert ready.alignment.heading_method is Code.ALIGN_HEADING_GIVEN
     assert [part.alignment.heading_method for part in ready.parts] == [Code.ALIGN_HEADING_COURSE]
 

@@ -14,7 +14,7 @@ from insnav.exceptions import InputError
 from insnav.filter import FilterSettings, Navigator
 from insnav.filter.estimate import Engine
 from insnav.filter.navigate import navigate_recording
-from insnav.filter.prepare import Start
+from insnav.filter.prepare import GivenStart, Start
 from insnav.findings import Code
 from insnav.kernels.measurements import antenna
 from insnav.simulate import Truth, gps_from_truth, imu_from_truth, reference
@@ -192,7 +192,7 @@ def driven_at(lat_deg: float) -> tuple[Run, Truth]:
     at = motion.evaluate(imu.time[:1])
     start = Start(imu.time[0], at.lla[0], at.v_n[0], at.rph[0], np.full(3, 0.5), np.full(3, 0.1), np.full(3, 0.3 * DEG))
     settings = FilterSettings(lever_b=drives.LEVER_B)
-    return navigate_recording(imu, gps, drives.SPEC, settings, start=start).run, motion
+    return navigate_recording(imu, gps, drives.SPEC, settings, known=GivenStart(start)).run, motion
 
 
 @pytest.mark.parametrize("lat_deg", [89.9, -89.9])

@@ -19,7 +19,7 @@ from insnav.exceptions import InputError
 from insnav.filter import FilterSettings, initial_state
 from insnav.filter.gps_noise import CorrelatedNoise
 from insnav.filter.navigate import navigate_recording
-from insnav.filter.prepare import DELAY_SD, Start, prepare
+from insnav.filter.prepare import DELAY_SD, GivenStart, Start, prepare
 from insnav.findings import CONTRADICTIONS, Code, of_code
 from insnav.result import Result
 from insnav.session.simulation import plan_of, profiled
@@ -112,10 +112,12 @@ def start_at(time: float) -> Start:
     return Start(time, at.lla[0], at.v_n[0], at.rph[0], np.full(3, 0.1), np.full(3, 0.05), np.full(3, 0.2 * DEG))
 
 
-def refused(imu: ImuData, start: Start | None = None, gps: GpsData | None = None, **options) -> InputError:
-    gps = gps or drives.perfect_gps(laps=1)
+def refused(
+    imu: ImuData, start: Start | None = None, gps: GpsData | None = None, span: tuple[float, float] | None = None
+) -> InputError:
+    gps, known = gps or drives.perfect_gps(laps=1), GivenStart(start, span, None if span is None else 0.4)
     with pytest.raises(InputError) as caught:
-        navigate_recording(imu, gps, drives.SPEC, SETTINGS, start=start, **options)
+        navigate_recording(imu, gps, drives.SPEC, SETTINGS, known=known)
     assert caught.value.exit_code == 3
     assert caught.value.why
     assert caught.value.fix
@@ -127,7 +129,9 @@ def test_a_start_at_the_beginning_of_the_first_interval_is_inside(rate):
     """The rounding of a mean spacing must not push it out."""
     time = np.arange(1, 20 * rate + 1) / rate
     imu = ImuData(time, np.zeros((time.size, 3)), np.tile([0.0, 0.0, -9.8], (time.size, 1)))
-    run = navigate_recording(imu, drives.perfect_gps(laps=1), drives.SPEC, SETTINGS, start=start_at(0.0)).run
+    run = navigate_recording(
+        imu, drives.perfect_gps(laps=1), drives.SPEC, SETTINGS, known=GivenStart(start_at(0.0))
+    ).run
     assert run.solution.time[0] <= 0.2
 
 
@@ -143,7 +147,7 @@ def test_a_record_that_ends_at_its_start_is_refused():
     gps = drives.perfect_gps(laps=1)
     rows = (getattr(gps, name)[-1:] for name in ("lla", "v_n", "position_sd", "velocity_sd"))
     last = GpsData(imu.time[-1:], *rows)
-    error = refused(imu, gps=last, heading=0.4, static_span=(imu.time[-1] - 5.0, imu.time[-1]))
+    error = refused(imu, gps=last, span=(imu.time[-1] - 5.0, imu.time[-1]))
     assert error.code == "align.no_sample_after_start"
 
 
