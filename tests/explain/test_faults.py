@@ -580,6 +580,22 @@ def test_what_is_stated_as_seen_is_seen_and_half_of_it_is_not(kind):
     assert found[0.5] <= 1
 
 
+def test_a_receiver_that_states_a_tenth_of_its_errors_has_no_faults():
+    """The stated standard deviations made the solution wrong by 120 m, with faults all over the drive."""
+    gps = recording(2).gps
+    ready, found = explain_faults(
+        prepare(
+            recording(2).imu,
+            replace(gps, position_sd=0.1 * gps.position_sd, velocity_sd=0.1 * gps.velocity_sd),
+            load_imu("automotive"),
+            SETTINGS,
+        ),
+        KINDS,
+    )
+    assert found.faults == ()
+    assert ready.settings.false is None
+
+
 def test_no_fault_is_named_where_noise_is_twice_what_is_stated():
     assert [shown(seed, louder=2.0)[1].faults for seed in SEEDS] == [()] * len(SEEDS)
 
