@@ -16,7 +16,7 @@ from pydantic import BaseModel, ConfigDict, PlainValidator, ValidationError, cre
 from pydantic_core import ErrorDetails, PydanticCustomError
 
 from insnav.exceptions import ConfigError, reason_of
-from insnav.units import UNITS, units_of
+from insnav.units import UNITS, plain_unit, units_of
 
 _QUANTITY = re.compile(r"^\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(\S.*?)\s*$")
 
@@ -38,7 +38,7 @@ def parse_quantity(text: str, dimension: str, *, where: str = "") -> float:
     match = _QUANTITY.match(text) if isinstance(text, str) else None
     if match is None:
         raise ConfigError("unit.missing", where=where, text=str(text), unit=units[0])
-    number, unit = float(match[1]), match[2]
+    number, unit = float(match[1]), plain_unit(match[2])
     if unit not in UNITS:
         raise ConfigError("unit.unknown", where=where, text=text, unit=unit, units=units)
     other, factor = UNITS[unit]

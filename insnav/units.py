@@ -28,6 +28,7 @@ _FACTORS: dict[str, dict[str, float]] = {
         "deg/sqrt(s)": DEG,
         "deg/sqrt(h)": DEG_PER_SQRT_H,
         "deg/s/sqrt(Hz)": DEG,
+        "mdeg/s/sqrt(Hz)": 1e-3 * DEG,
         "deg/h/sqrt(Hz)": DEG_PER_H,
         "rad/s/sqrt(Hz)": 1.0,
     },
@@ -69,7 +70,19 @@ UNITS |= {
     for time, seconds in (("s", 1.0), ("h", HOUR))
 }
 
+# spellings of data sheets
+_SPELLED = (
+    *(("hr", "h"), ("µ", "u"), ("μ", "u"), ("°", "deg"), ("rtHz", "sqrt(Hz)"), ("√Hz", "sqrt(Hz)"), ("√h", "sqrt(h)")),
+    *(("√s", "sqrt(s)"), ("dph", "deg/h"), ("dps", "deg/s"), ("²", "^2"), ("³", "^3")),
+)
 _PRETTY = (("ug", "µg"), ("sqrt(Hz)", "√Hz"), ("sqrt(h)", "√h"), ("sqrt(s)", "√s"), ("^2", "²"), ("^3", "³"))
+
+
+def plain_unit(unit: str) -> str:
+    """Spell a unit of a data sheet as in `UNITS`: ``deg/s/sqrt(Hz)`` for ``dps/√Hz``."""
+    for spelled, plain in _SPELLED:
+        unit = unit.replace(spelled, plain)
+    return unit
 
 
 def shown_unit(unit: str) -> str:

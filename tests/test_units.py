@@ -25,6 +25,11 @@ KNOWN = {
     ("1 deg/s/sqrt(Hz)", "angle random walk"): 0.017453292519943295,
     ("60 m/s/sqrt(h)", "velocity random walk"): 1.0,
     ("1e6 ug/sqrt(Hz)", "velocity random walk"): 9.80665,
+    # as data sheets write them
+    ("7 mdps/√Hz", "angle random walk"): 0.00012217304763960307,
+    ("0.007 dps/rtHz", "angle random walk"): 0.00012217304763960307,
+    ("0.15 °/√hr", "angle random walk"): 4.363323129985824e-05,
+    ("160 µg/√Hz", "velocity random walk"): 0.001569064,
     ("1000 ppm", "ratio"): 1e-3,
     ("5 %", "ratio"): 0.05,
     ("3.6 km/h", "velocity"): 1.0,
