@@ -43,7 +43,9 @@ def checked(inputs: Inputs) -> Inputs:
     """
     for key, value in inputs.items():
         if key not in INPUTS:
-            raise ConfigError("input.unknown_input", value=key, known=tuple(INPUTS))
+            raise ConfigError(
+                "input.unknown_input", value=key, known=tuple("imu" if name == "imu_model" else name for name in INPUTS)
+            )
         what = INPUTS[key]
         # a comparison that also fails for NaN
         if isinstance(value, int | float) and not what.low <= value / what.size <= what.high:
