@@ -50,7 +50,7 @@ LOAD = STEPS[: STEPS.index("align")]
 # steps that are repeated with another lever arm, or other fixes
 PREPARE = STEPS[STEPS.index("align") : STEPS.index("lever_arm")]
 ALIGN = STEPS[STEPS.index("align") : STEPS.index("explain")]
-_STAGES = dict.fromkeys(LOAD, "checking the data") | {  # what the progress display calls them
+_STAGES = dict.fromkeys(LOAD, "checking the data") | {  # words of the progress display
     "align": "aligning",
     "explain": "looking for faults",
     **dict.fromkeys(("noise", "lever_arm"), "finding the noise"),
