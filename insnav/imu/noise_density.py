@@ -180,7 +180,7 @@ def nearest_preset(
     """
     from insnav.imu.imu_file import load_imu  # noise estimation needs no pydantic
 
-    excess = 0.0 if mean_rate is None else abs(float(np.linalg.norm(mean_rate)) - OMEGA_EARTH)
+    excess = 0.0 if mean_rate is None else rate_excess(mean_rate)
     earth_seen = mean_rate is not None and excess < EARTH_SEEN * OMEGA_EARTH
     specs = [load_imu(name) for name in PRESETS]
     if earth_seen:
@@ -193,21 +193,27 @@ def nearest_preset(
     ]
     limit = min(distances) + math.log(SAME)
     spec = next(spec for spec, distance in zip(specs, distances, strict=True) if distance <= limit)
-    bias = np.maximum(spec.gyro.bias, excess)
     seen = " and the gyros show the Earth's rate" if earth_seen else ""
-    biased = f", and with a gyro bias of {excess / DEG_PER_H:.2g} deg/h" if np.any(bias > spec.gyro.bias) else ""
+    biased = f", and with a gyro bias of {excess / DEG_PER_H:.2g} deg/h" if np.any(excess > spec.gyro.bias) else ""
     sentence = (
         f"The white noise at rest is {_span(gyro_density, DEG_PER_SQRT_H)} deg/sqrt(h) and "
         f"{_span(accel_density, M_S_PER_SQRT_H)} m/s/sqrt(h){seen}; the nearest preset is {spec.name!r}, "
         f"taken with the measured noise where that is larger{biased}."
     )
-    found = replace(
-        spec,
-        gyro=replace(spec.gyro, bias=bias, random_walk=np.maximum(spec.gyro.random_walk, gyro_density)),
-        accel=replace(spec.accel, random_walk=np.maximum(spec.accel.random_walk, accel_density)),
-        source=f"{sentence} The other figures: {spec.source}",
-    )
-    return found, sentence
+    found = raise_to_rest(spec, gyro_density, accel_density, excess)
+    return replace(found, source=f"{sentence} The other figures: {spec.source}"), sentence
+
+
+def raise_to_rest(spec: ImuSpec, gyro: FloatArray, accel: FloatArray, excess: float) -> ImuSpec:
+    """Raise an IMU to its noise and gyro bias at rest: noise densities (3,), and a mean rate beyond the Earth's."""
+    noise = replace(spec.accel, random_walk=np.maximum(spec.accel.random_walk, accel))
+    walk, bias = np.maximum(spec.gyro.random_walk, gyro), np.maximum(spec.gyro.bias, excess)
+    return replace(spec, gyro=replace(spec.gyro, bias=bias, random_walk=walk), accel=noise)
+
+
+def rate_excess(mean_rate: FloatArray) -> float:
+    """Compute the least gyro bias [rad/s] by the mean rate at rest (3,): its difference from the Earth's rate."""
+    return abs(float(np.linalg.norm(mean_rate)) - OMEGA_EARTH)
 
 
 def identify(imu: ImuData, start: float, end: float) -> tuple[ImuSpec, str]:

@@ -1,4 +1,4 @@
-"""Step 4: choose an unspecified IMU error specification by the noise of a stationary interval."""
+"""Step 4: choose an unspecified IMU error specification by the noise at rest, or compare the specified one with it."""
 
 from __future__ import annotations
 
@@ -9,22 +9,46 @@ from insnav.alignment import find_stationary
 from insnav.filter.prepare import first_stationary
 from insnav.findings import Code, Finding
 from insnav.imu import load_imu
-from insnav.imu.noise_density import mean_rate, nearest_preset, white_noise
+from insnav.imu.noise_density import mean_rate, nearest_preset, raise_to_rest, rate_excess, white_noise
 from insnav.imu.specification import ImuSpec
 from insnav.steps import Model, Recording
+from insnav.steps.given import as_given
 from insnav.steps.inputs import Inputs
 from insnav.strapdown import intervals
 from insnav.types import GpsData, ImuData
 
 SHORTEST_REST = 5.0  # shorter intervals do not determine the noise of an IMU [s]
+DENSITY_SD = 0.18  # relative sd of a density from so short a rest; see `insnav.imu.noise_density.white_noise` [-]
+UNLIKE = 3.0  # a figure so many sd above the specified one contradicts it [-]
 
 
 def imu_noise(recording: Recording, model: Model) -> tuple[Recording, Model, tuple[Finding, ...]]:
     """Choose the specification of the IMU."""
-    chosen, samples = model.imu, recording.imu.data
-    if chosen is None:
-        chosen = imu_from_rest(samples, stationary_part(samples, recording.fixes, recording.inputs))
-    return recording, replace(model, imu=chosen), chosen[1:]
+    chosen, samples, found = model.imu, recording.imu.data, tuple[Finding, ...]()
+    if chosen is None or not as_given(recording.inputs):
+        rest = stationary_part(samples, recording.fixes, recording.inputs)
+        if chosen is None:
+            chosen = imu_from_rest(samples, rest)
+        elif rest is not None and rest[1] - rest[0] >= SHORTEST_REST:
+            spec, found = raise_given(chosen[0], samples, rest)
+            chosen = spec, chosen[1]
+    return recording, replace(model, imu=chosen), (*chosen[1:], *found)
+
+
+def raise_given(spec: ImuSpec, imu: ImuData, rest: tuple[float, float]) -> tuple[ImuSpec, tuple[Finding, ...]]:
+    """Raise a specification that the gyros at rest contradict, and report it. `rest`: start and end [s]."""
+    gyro, accel = white_noise(imu, *rest)
+    noise, given = float(gyro.min()), float(spec.gyro.random_walk.min())  # the other axes have more of the vibration
+    excess = rate_excess(mean_rate(imu, *rest))
+    biased = excess > UNLIKE * spec.gyro.bias.max()
+    if noise <= (1.0 + UNLIKE * DENSITY_SD) * given and not biased:
+        return spec, ()
+    values: dict[str, Any] = {
+        "noise_rad_sqrt_s": noise,
+        "given_rad_sqrt_s": given,
+        **({"bias_rad_s": excess} if biased else {}),
+    }
+    return raise_to_rest(spec, gyro, accel, excess), (Finding.of(Code.GIVEN_IMU_MODEL, *rest, **values),)
 
 
 def imu_from_rest(imu: ImuData, rest: tuple[float, float] | None) -> tuple[ImuSpec, Finding]:

@@ -61,21 +61,23 @@ def test_with_all_given_but_what_lasts_of_the_errors_of_fixes_that_is_found():
     ("model", "factor", "code"),
     [
         ("automotive", 1.0, None),
-        ("navigation", 1.0, Code.CHANGE_GYRO_BIAS),
+        ("navigation", 1.0, Code.GIVEN_IMU_MODEL),
         ("automotive", 0.3, Code.GIVEN_NOISE),
     ],
 )
 def test_noise_that_is_given_too_small_is_said(model, factor, code):
     """An IMU better than it is: 297 m; three times surer fixes: all rejected. Neither pointed to the noise.
 
-    Biases that a navigation-grade gyro cannot have are named as changes of its bias.
+    Noise and bias of the gyros at rest contradict navigation grade.
     """
     drive = insnav.simulate("figure_eight", imu="automotive", gps="single", seed=11)
     fixes = drive.gps.data
     fixes = replace(fixes, position_sd=factor * fixes.position_sd, velocity_sd=factor * fixes.velocity_sd)
     result = insnav.load(drive.imu.data, fixes, imu=model).navigate()
-    warned = [each for each in result.findings if each.code in (Code.GIVEN_NOISE, Code.CHANGE_GYRO_BIAS)]
+    warned = [each for each in result.findings if each.code in (Code.GIVEN_NOISE, Code.GIVEN_IMU_MODEL)]
     assert {each.code for each in warned} == ({code} if code else set())
+    for rest in of_code(warned, Code.GIVEN_IMU_MODEL):
+        assert rest["noise_rad_sqrt_s"] == pytest.approx(load_imu("automotive").gyro.random_walk.min(), rel=0.2)
     noise = list(of_code(warned, Code.GIVEN_NOISE))
     assert all(each["mean_square"] > each["limit_mean_square"] for each in noise)
     assert {sentence(each) for each in noise} <= set(result.page().warnings)
