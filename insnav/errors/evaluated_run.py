@@ -22,7 +22,7 @@ from insnav.attitude import dcm_from_rph
 from insnav.earth import earth_rate_n, ned_offset, transport_rate_n
 from insnav.errors import reference_check
 from insnav.errors.metrics import TrajectoryErrors, nees, on_clock, position_errors
-from insnav.errors.reference_check import ReferenceOffset, check_reference, delay_shown, known_delay, reference_offset
+from insnav.errors.reference_check import ReferenceOffset, check_reference, delay_shown, reference_offset
 from insnav.exceptions import InputError
 from insnav.filter.gates import UNUSABLE
 from insnav.filter.gps_noise import heights_measured, white_noise
@@ -252,7 +252,7 @@ def evaluate_run(
         good = _held(good, best.time)
         if not same:
             point = done.run.lever_b if lever_b is None else lever_b
-            good, doubts = check_reference(good, best, done.gps, point, known_delay(done.run), done.run.lever_sd)
+            good, doubts = check_reference(good, best, done.gps, point, delay_shown(done.run), done.run.lever_sd)
             done = replace(done, run=replace(done.run, events=by_time((*doubts, *done.run.events))))
         errors = position_errors(done.run.solution, good, lever_b=lever_b)
         if done.run.smoothed is not None:

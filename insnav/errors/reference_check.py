@@ -15,7 +15,7 @@ from insnav import spill
 from insnav.attitude import dcm_from_rph, wrap_pi
 from insnav.errors.metrics import EPOCHS, TrajectoryErrors, apart, no_time_in_common, other_drive, position_errors
 from insnav.filter.gps_noise import velocity_lag
-from insnav.findings import Code, Finding, of_code
+from insnav.findings import Code, Finding
 from insnav.input.interpret.velocities import Fit, fit_velocities
 from insnav.sample_statistics import rms
 from insnav.tabular import runs_of
@@ -169,7 +169,7 @@ def check_reference(
 ) -> tuple[Trajectory, list[Finding]]:
     """Remove impossible parts of a reference and report them; report its clock error, but do not correct it.
 
-    `lever_b` (3,): point of the reference seen from the IMU, body axes [m]. `delay`: of the fixes, from `known_delay`.
+    `lever_b` (3,): point of the reference seen from the IMU, body axes [m]. `delay`: of the fixes, from `delay_shown`.
     `lever_sd` (3,): of the track's lever arm, if unknown [m].
     Raises: InputError: no common time.
     """
@@ -281,12 +281,6 @@ def delay_shown(run: Run) -> float:
     """Return a significant delay of the fixes that was not specified and is not small, else zero [s]."""
     delay, sd = run.gps_delay, run.gps_delay_sd
     return delay if sd and abs(delay) >= max(LATE, SURE_LATE * sd) else 0.0
-
-
-def known_delay(run: Run) -> float:
-    """Return the delay of the fixes as `delay_shown`, or NaN if it contradicts the specified delay [s]."""
-    wrong = any(of_code(run.events, Code.GIVEN_DELAY))
-    return np.nan if wrong else delay_shown(run)
 
 
 def fixes_are_late(late: float, delay: float) -> bool:

@@ -463,8 +463,6 @@ def _with_course(ready: Prepared, alignment: Alignment) -> Alignment:
 OPENED_ARM = 2.0  # standard deviation of each component in the pass that estimates it [m]
 WRONG, SURE_ARM = 0.4, 6.0  # smallest reported error [m], and in standard deviations of the estimate
 MARGIN = 3.0  # additional margin in sd: noise identified with a wrong arm is too large
-LATE, LATE_SURE = 0.03, 10.0  # smallest reported delay error [s], and in sd of the estimate
-OPENED_DELAY = 0.5  # standard deviation of the delay in the pass that estimates it [s]
 # Share of the lever-arm information that may come from gyro noise before it is reported. Approximate time over which
 # noise rotates the attitude before fixes correct it [s]
 PRETENDED, SHOWN_AFTER = 0.2, 10.0
@@ -573,18 +571,6 @@ def lever_contradicted(arm: FloatArray, run: Run) -> Finding:
         estimate_sd_m=tuple(run.lever_sd),
         given_m=tuple(arm),
     )
-
-
-def delay_contradicted(ready: Prepared) -> tuple[Finding, ...]:
-    """Navigate the first part of a drive with the delay as a state, and report a wrong specified delay.
-
-    Its message shows no difference: noise identified with the error in it biases the estimate.
-    """
-    given, run = ready.settings.delay, looked(ready, delay_sd=OPENED_DELAY)
-    off, limit = abs(run.gps_delay - given), max(LATE, LATE_SURE * run.gps_delay_sd)
-    difference, begin = run.gps_delay - given, ready.initial.time
-    delay = Finding.of(Code.GIVEN_DELAY, begin, difference_s=difference, limit_s=limit, given_s=given)
-    return (delay,) * bool(off > limit)
 
 
 def looked(ready: Prepared, **opened: float) -> Run:

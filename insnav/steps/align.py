@@ -5,14 +5,19 @@ from __future__ import annotations
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
+
+import numpy as np
 
 from insnav.exceptions import AlignmentError, ConfigError
-from insnav.filter.delay_and_lever import on_time, with_right_heading
+from insnav.filter.delay_and_lever import filtered, on_time, with_right_heading
 from insnav.filter.prepare import Prepared
-from insnav.findings import Finding
+from insnav.findings import Code, Finding
 from insnav.input.readers.kinds import files_with
 from insnav.steps import Model, Recording
-from insnav.steps.given import as_given, filter_settings, set_up_filter
+from insnav.steps.given import as_given, filter_settings, free_delay, set_up_filter
+
+LATE, LATE_SURE = 0.03, 10.0  # smallest reported delay error [s], and in sd of the estimate
 
 
 def align(recording: Recording, model: Model) -> tuple[Recording, Model, tuple[Finding, ...]]:
@@ -27,10 +32,27 @@ def align(recording: Recording, model: Model) -> tuple[Recording, Model, tuple[F
         raise _without_position(recording)
     given = recording.inputs.get("heading")
     ready = _on_time(recording, model, given)
-    if given is not None and not as_given(recording.inputs):
-        with suppress(AlignmentError):  # the drive does not determine the heading
-            ready = with_right_heading(ready, _on_time(recording, model, None))
+    if not as_given(recording.inputs):
+        if model.gps_delay.source == "given":
+            ready, model = with_right_delay(ready, recording, model, given)
+        if given is not None:
+            with suppress(AlignmentError):  # the drive does not determine the heading
+                ready = with_right_heading(ready, _on_time(recording, model, None))
     return recording, replace(model, ready=ready), ready.findings
+
+
+def with_right_delay(
+    ready: Prepared, recording: Recording, model: Model, heading: float | None
+) -> tuple[Prepared, Model]:
+    """Keep the given delay, or replace it by the estimate of the drive if that contradicts it and fits better."""
+    free = replace(model, gps_delay=free_delay())
+    other, given = _on_time(recording, free, heading), model.gps_delay.value
+    sd = other.settings.least_delay_sd or np.inf
+    if abs(other.clock - given) <= max(LATE, LATE_SURE * sd) or filtered(ready).misfit <= filtered(other).misfit:
+        return ready, model
+    values: dict[str, Any] = {"given_s": given, "estimate_s": other.clock, "estimate_sd_s": sd}
+    rejected = Finding.of(Code.GIVEN_DELAY_REJECTED, other.initial.time, subject="gps", **values)
+    return replace(other, faults=(*other.faults, rejected)), free
 
 
 def _on_time(recording: Recording, model: Model, heading: float | None) -> Prepared:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from insnav.filter.delay_and_lever import delay_contradicted, lever_contradicted, with_hidden_lever
+from insnav.filter.delay_and_lever import lever_contradicted, with_hidden_lever
 from insnav.filter.noise_identification import understated
 from insnav.findings import OF_THE_IMU, Code, Finding, added, by_time, of_code
 from insnav.steps import Model, Recording
@@ -16,8 +16,6 @@ def check_given(recording: Recording, model: Model) -> tuple[Recording, Model, t
     assert model.solved is not None
     first, ready, solved = model.solved, model.ready, model.solved
     doubts = () if recording.gps is None else understated(ready, recording.gps.data)
-    if model.gps_delay.source == "given":
-        doubts = (*doubts, *delay_contradicted(ready))
     if ready.settings.lever_sd:
         run, hidden = with_hidden_lever(solved.ready or ready, solved.run)
         solved, doubts = replace(solved, run=run), (*doubts, *hidden)

@@ -178,7 +178,7 @@ def given_model(recording: Recording) -> Model:
         lever_sd = LEVER_SD if lever_b is None and fixes else 0.0
     return Model(
         free_lever_arm(lever_sd) if lever_b is None else Estimate(lever_b, lever_sd, "given"),
-        Estimate(0.0, DELAY_SD * fixes, "prior") if delay is None else Estimate(delay, 0.0, "given"),
+        free_delay(DELAY_SD * fixes) if delay is None else Estimate(delay, 0.0, "given"),
         given_imu(inputs.get("imu_model")),
     )
 
@@ -186,6 +186,11 @@ def given_model(recording: Recording) -> Model:
 def free_lever_arm(sd: float = LEVER_SD) -> Estimate[np.ndarray]:
     """Return the prior of an unknown lever arm, `sd` [m]."""
     return Estimate(np.zeros(3), sd, "prior")
+
+
+def free_delay(sd: float = DELAY_SD) -> Estimate[float]:
+    """Return the prior of an unknown delay of the fixes, `sd` [s]."""
+    return Estimate(0.0, sd, "prior")
 
 
 def given_imu(model: object) -> tuple[ImuSpec, Finding] | None:

@@ -672,5 +672,5 @@ def test_a_vehicle_at_rest_shows_no_delay(seed):
     run = found.found.run
     assert run.gps_delay_sd > 0.3
     assert abs(run.gps_delay) < 2.0 * run.gps_delay_sd
-    delays = Code.RUN_LATE_FIXES, Code.GIVEN_DELAY, Code.NOISE_HIDES_LEVER_ARM
+    delays = Code.RUN_LATE_FIXES, Code.GIVEN_DELAY_REJECTED, Code.NOISE_HIDES_LEVER_ARM
     assert not any(of_code(found.findings, *delays))

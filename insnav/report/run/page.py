@@ -16,7 +16,7 @@ import numpy as np
 from insnav.deferred import library
 from insnav.errors.evaluated_run import HOLDS, EvaluatedRun, outages
 from insnav.errors.metrics import TrajectoryErrors, nees, travelled
-from insnav.errors.reference_check import fixes_are_late, known_delay
+from insnav.errors.reference_check import delay_shown, fixes_are_late
 from insnav.exceptions import InputError
 from insnav.filter.gps_noise import heights_measured
 from insnav.findings import CORRECTIONS, OF_RESULTS, Code, Finding, Severity, by_time, is_shown, of_code
@@ -183,7 +183,7 @@ def _light(found: EvaluatedRun, warnings: int) -> tuple[Light, str]:
         return "bad", phrase("run.contradiction")
     if found.reference_late and shares and (mean_nis(found.run) or 0.0) < SCATTER:
         best = next(iter(found.errors_on_clock.values()))
-        late = "fixes" if fixes_are_late(found.reference_late, known_delay(found.run)) else "reference"
+        late = "fixes" if fixes_are_late(found.reference_late, delay_shown(found.run)) else "reference"
         return "attention", phrase(f"run.late_{late}", size=number(rms(best.horizontal)), unmoved=_unmoved(found))
     more = _too_sure(found) if shares else ()
     reasons = [phrase("run.warnings", count=warnings)] if warnings else []
