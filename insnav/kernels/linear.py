@@ -78,7 +78,7 @@ def inner_product(x, i, y, k, blocks):  # type: ignore[no-untyped-def]
 
 @inner()
 def read_transition(system, k, f, ft, d):  # type: ignore[no-untyped-def]
-    """Read F: rows of navigation into `f` and its transpose `ft`, the diagonal into `d`. Return the span of drifts."""
+    """Read F: rows of navigation into `f` and its transpose `ft`, the diagonal into `d`. Return the drift time [s]."""
     span, phi, fade, _q, _qd, cleared = system
     n = fade.shape[1]
     for i in range(NAV):

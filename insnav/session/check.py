@@ -268,7 +268,7 @@ def _examined(found: Checked, data: Recording, drive: Drive | None, patient: _Pa
         rest = None
     still = _standing(imu, data.gps.data) if together and data.gps is not None else None
     found = replace(found, imu=inspect_samples(imu, rest, still), rest=rest)
-    _faults(imu, patient)
+    _report_sensor_faults(imu, patient)
     for reading in data.given().values():
         lost = of_code((*reading.events, *reading.facts.evidence), Code.ROWS_CUT, Code.READ_ROWS_UNREADABLE)
         patient.problems += lost
@@ -298,7 +298,8 @@ def _standing(imu: ImuData, gps: GpsData) -> BoolArray | None:
     return np.asarray(np.interp(imu.time, gps.time[known], np.linalg.norm(gps.v_n[known], axis=1)) < STANDING)
 
 
-def _faults(imu: ImuData, patient: _Patient) -> None:
+def _report_sensor_faults(imu: ImuData, patient: _Patient) -> None:
+    """Report clipped, stuck and spiking sensors: the first of each kind, and their number."""
     try:
         events = inspect(imu)[1]
     except InsnavError as error:
