@@ -55,8 +55,6 @@ def metres_per_unit(lla: ArrayLike) -> FloatArray:
 def gravity_n(lat: ArrayLike, height: ArrayLike) -> FloatArray:
     """Compute WGS-84 normal gravity (..., 3), NED [m/s^2] (NIMA TR8350.2, eq. 4-1, 4-3; Groves 2013, eq. 2.140).
 
-    Somigliana's formula with the second-order term in height, and the north component above the ellipsoid.
-
     `lat` (...): latitude [rad]. `height` (...): above the ellipsoid [m]; accurate to 1 ug up to 20 km.
     """
     lat, height = np.broadcast_arrays(np.asarray(lat, dtype=float), np.asarray(height, dtype=float))

@@ -26,12 +26,12 @@ SEEDS = range(1, 5)
 SAMPLE_BEGIN = 200.0  # of edits that do not concern the whole sample drive, after its first fix [s]
 SIMULATED = {
     "none": "",
-    "one fix 60 m off": "gps-spike:60m@120s",
-    "60 m off for 8 s": "gps-jump:60m@120s+8s",
-    "100 m off for 30 s": "gps-jump:100m@120s+30s",
-    "four of five fixes 50 m off for 60 s": "gps-flap:50m@120s+60s",
-    "20 m off for good": "gps-jump:20m@120s",
-    "60 s of drift at 1 m/s, then 60 m off for good": "gps-drag:1m/s@120s+60s",
+    "one fix wrong by 60 m": "gps-spike:60m@120s",
+    "wrong by 60 m for 8 s": "gps-jump:60m@120s+8s",
+    "wrong by 100 m for 30 s": "gps-jump:100m@120s+30s",
+    "four of five fixes wrong by 50 m for 60 s": "gps-flap:50m@120s+60s",
+    "wrong by 20 m from then on": "gps-jump:20m@120s",
+    "60 s of drift at 1 m/s, then wrong by 60 m from then on": "gps-drag:1m/s@120s+60s",
     "no fixes for 30 s": "gps-outage@120s+30s",
     "fixes 0.3 s late throughout": "gps-latency:0.3s",
     "fixes 0.3 s late from 150 s on": "gps-latency:0.3s@150s",
@@ -102,7 +102,7 @@ def of_sample() -> list[str]:
         "velocities zero in the second half": lambda: velocities(time > 0.5 * time[-1], none),
         "one velocity held for 100 s": lambda: velocities(inside, gps.v_n[inside][0]),
         "all vertical velocities zero": lambda: velocities(every, none[:1], (2,)),
-        "latitudes 25 m off for 59 s": lambda: replace(gps, lla=lla_offset(gps.lla, off)),
+        "latitudes wrong by 25 m for 59 s": lambda: replace(gps, lla=lla_offset(gps.lla, off)),
     }
     rows = []
     for name, edit in {"none": lambda: gps, **edits}.items():

@@ -2,8 +2,8 @@
 Two ways to navigate a drive, side by side
 ==========================================
 
-The sample drive with nothing given, and with the IMU taken for what its class is: the same fixes, the same reference.
-Two versions of insnav, or another program's trajectory, are compared in the same way from their folders.
+The sample drive without an IMU model, and with the model of its class. Fixes and reference are the same. Compare two
+versions of insnav, or the trajectory of another program, in the same way from their folders.
 """
 
 import insnav

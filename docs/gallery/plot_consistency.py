@@ -1,9 +1,9 @@
 """
-Does the stated uncertainty hold?
-=================================
+Are the stated standard deviations true?
+========================================
 
-The same drive with six realisations of sensors and fixes: the normalised error squared (NEES) of the position should
-be one on average, and 99.7 % of the errors inside three standard deviations.
+The same drive with six realisations of sensors and fixes. The normalised squared error (NEES) of the position should
+be one on average, with 99.7 % of the errors inside three standard deviations.
 """
 
 import matplotlib.pyplot as plt

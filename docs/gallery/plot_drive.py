@@ -2,7 +2,7 @@
 Navigate and explore a drive
 ============================
 
-The sample drive: a car in a town, with GPS outages and an exact reference. Nothing is given but the files.
+The sample drive: a car in a town, with one GPS outage of 21 s and an exact reference. Only the files are given.
 """
 
 import insnav
@@ -12,12 +12,12 @@ drive = insnav.load(imu, gps=gps, ref=ref)
 print(drive)
 
 # %%
-# What is in the data, before anything is navigated.
+# The data, before the navigation.
 
 figure = drive.plot()
 
 # %%
-# What was understood is printed; the result says how accurate it is.
+# The summary states how accurate the result is.
 
 run = drive.navigate()
 print(run.summary())

@@ -2,7 +2,7 @@
 From the laws of a minute to a budget
 =====================================
 
-Closed laws of the error of a minute, and what a change of each source would save.
+Closed laws of the position error in the first minute.
 """
 
 import matplotlib.pyplot as plt

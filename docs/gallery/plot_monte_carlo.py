@@ -2,8 +2,8 @@
 Monte Carlo against covariance
 ==============================
 
-A budget has a linear column, the covariance, and one of simulated runs of the full navigator. Where the linear model
-holds, they agree within the band of so many runs.
+A budget has a linear estimate, the covariance, and an estimate from simulated runs of the full navigator. If the linear
+model is valid, both agree within the band of the simulated runs.
 """
 
 import matplotlib.pyplot as plt

@@ -2,8 +2,8 @@
 The noise of an IMU from a drive
 ================================
 
-Nothing is known of the IMU but its samples. The innovations of the fixes tell its noise, with an interval; beside them
-are the figures that the simulation used.
+No IMU model is given. insnav estimates the noise of the IMU from the innovations of the fixes, with intervals. The
+figure compares the estimates with the values of the simulation.
 """
 
 import matplotlib.pyplot as plt
@@ -16,7 +16,7 @@ run = drive.navigate()
 print(run.summary())
 
 # %%
-# Each figure that the drive tells, with its 95 % interval, as a multiple of what the simulation used.
+# Each parameter that the drive determines, with its 95 % interval, as a multiple of the true value.
 
 truth = {
     f"{group}.{key}": getattr(getattr(made.imu_spec, group), key).mean()

@@ -2,8 +2,8 @@
 Navigate while the data arrive
 ==============================
 
-A drive is replayed as a vehicle would give it: ten samples at a time, and each fix a third of a second late. With
-``SPEED = 1`` it takes as long as the drive did.
+A recorded drive is replayed as in a vehicle: ten samples at a time, and each fix a third of a second late. With
+``SPEED = 1`` the replay takes as long as the drive.
 """
 
 import time

@@ -1,5 +1,5 @@
 """
-Without GPS, with and without the constraint of the wheels
+Without GPS, with and without the non-holonomic constraint
 ==========================================================
 
 Outages are simulated all over a drive, with the non-holonomic constraint (a car does not slide sideways) and

@@ -3,7 +3,7 @@ Over the North Pole
 ===================
 
 Ten minutes of a jet within 72 km of the pole, where the longitude jumps by 180 deg and north turns with it. The
-position error is small throughout, for nothing is computed in longitudes there.
+position error stays small, because insnav computes in Earth-fixed axes there.
 """
 
 import matplotlib.pyplot as plt

@@ -2,8 +2,8 @@
 Which IMU stays within 1 m for a minute
 =======================================
 
-The budget backwards: a limit on the position error after a time without GPS, the sizes that the errors may have, and
-the real IMUs that keep it.
+The budget in reverse: from a limit on the position error after a time without GPS to the allowed sizes of the errors,
+and to the real IMUs that keep the limit.
 """
 
 import matplotlib.pyplot as plt
@@ -29,4 +29,4 @@ axes.axvline(found.required.error, color="0.4", lw=0.8)
 axes.set_xscale("log")
 axes.set_yticks(range(len(best)), [part.name for part in best])
 axes.set_xlabel("horizontal error after 60 s without GPS, 95 % [m]")
-axes.set_title("Town; the bar is what the documents of a part leave open")
+axes.set_title("City drive; bars: range of the undocumented figures")

@@ -2,8 +2,8 @@
 From volts to metres
 ====================
 
-A gyro on a rate table gives volts. The fit gives scale factor and zero with their uncertainty; what is left after the
-calibration is an error of the IMU, and an error of the IMU is metres after a minute of navigation.
+A gyro on a rate table gives volts. The fit gives scale factor and zero with their uncertainty. The remaining error of
+the IMU causes a position error after a minute of navigation.
 """
 
 import matplotlib.pyplot as plt
@@ -28,10 +28,10 @@ axes.plot(rate, (table["voltage_v"] - line(rate)) / line.deriv()(0.0), "o")
 axes.axhline(0.0, color="0.6", lw=0.8)
 axes.set_xlabel("rate of the table [deg/s]")
 axes.set_ylabel("residual [deg/s]")
-axes.set_title("What a line leaves of a rate table")
+axes.set_title("Residuals of a straight line on a rate table")
 
 # %%
-# What an uncalibrated and a calibrated gyro do to a minute of navigation.
+# Position error after a minute, without and with the calibration.
 
 for each in found.impact:
     print(f"{each.motion}: {each.without:.0f} m without the calibration, {each.corrected:.0f} m with it")

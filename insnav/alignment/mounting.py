@@ -67,8 +67,8 @@ OTHER_UNITS: list[Units] = [
     for x, y, z in itertools.product((1.0, factor), repeat=3)
     if (x, y, z) != ALL_ALIKE
 ]
-# no vehicle turns faster in a thousandth of its samples; smaller roll and pitch rates may be radians read as degrees
-# [rad/s]
+# No vehicle exceeds the first rate in a thousandth of its samples. Roll and pitch rates below the second may be radians
+# that were read as degrees [rad/s].
 FASTEST, HARDLY = 12.0, np.deg2rad(1.0)
 MISSED = 1.2  # factor on the residuals without one gyro: below it, that gyro may have a temporary fault
 # share of the noise difference that gyros in correct units keep; residual ratio if they hardly turn

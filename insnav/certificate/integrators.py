@@ -72,7 +72,7 @@ class Integrator:
     """Algorithm from samples to attitude and position."""
 
     name: str
-    steps: Callable[[ImuData], Steps]  # increments of a record, sampled as increments
+    steps: Callable[[ImuData], Steps]  # increments of a record whose samples are increments
     # trajectory of a record, ``(imu, start, height, v_down, every)``. The start is at the end of the first sample,
     # since some algorithms need an earlier sample. Height [m] and down velocity [m/s] are constrained to these values
     # at the ends of the following intervals.

@@ -325,7 +325,7 @@ def clock_error(
         terms = np.concatenate([v[:, :, None], -c, np.broadcast_to(np.eye(2), c.shape)], axis=2)
         value, value_sd = jackknifed(terms * weight[:, None, None], errors.position[:, :2] * weight[:, None])
         late, sd = late + float(value[0]), float(value_sd[0])
-        if not 0.5 * LEAST_CLOCK <= abs(late) <= FARTHEST:  # iterations cannot make it significant
+        if not 0.5 * LEAST_CLOCK <= abs(late) <= FARTHEST:  # too small, or too far, to become significant
             return 0.0, 0.0, 0.0
     clear = abs(late) > max(LEAST_CLOCK, CLEAR * sd) and difference < WORTH * before
     return (round(late, 3), as_it_is, after) if clear else (0.0, 0.0, 0.0)

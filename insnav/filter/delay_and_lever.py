@@ -168,10 +168,10 @@ def _thinned(ready: Prepared) -> Prepared:
 def scale_of(
     off: FloatArray, covariance: FloatArray, opened: float, scales: FloatArray, prior: ArrayLike = 0.0
 ) -> tuple[float, float]:
-    """Estimate the zero-mean sd of three numbers from their filter estimates: most likely value, and RMS.
+    """Estimate the sd of a zero-mean prior of three numbers: its most likely value, and its RMS over all `scales`.
 
-    The RMS is over all plausible values. Empirical and full Bayes: B. P. Carlin and T. A. Louis, "Bayes and empirical
-    Bayes methods for data analysis" (Chapman and Hall 2000), chapters 2 and 3.
+    Empirical and full Bayes: B. P. Carlin and T. A. Louis, "Bayes and empirical Bayes methods for data analysis"
+    (Chapman and Hall 2000), chapters 2 and 3.
 
     `off` (3,): estimates with prior sd `opened`, and their covariance. `scales`, `prior`: standard deviations, and the
     logarithm of their prior probability.

@@ -363,7 +363,7 @@ class Estimate:
             self.history.epoch(start.time, *self._seen, phi, p)
 
     def _begin_at_fix(self, p: FloatArray) -> None:
-        """Set the covariance where the position comes from a fix, with its time-correlated error."""
+        """Set the covariance of a position from a fix, which has its time-correlated error; clear old corrections."""
         self.arm[3:] = self._swung[:] = 0.0
         self.all[epoch.CORRECTED] = self.all[epoch.TURNED] = self.all[epoch.SQUARES] = 0.0
         self.all[epoch.BEGAN] = self.x[3:5]

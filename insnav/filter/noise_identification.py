@@ -237,7 +237,7 @@ def misalignments(drives: Sequence[InnovationLikelihood], at: FloatArray, prior_
 
 
 def _turned(prior: ImuSpec, found: ImuSpec, size: float) -> ImuSpec:
-    """Build the estimated IMU with scaled prior misalignments; their effect on gravity remains a bias."""
+    """Build the estimated IMU: prior misalignments times `size`, whose effect on gravity is taken out of the bias."""
     gyro, accel = (size * sensor.misalignment for sensor in (prior.gyro, prior.accel))
     bias = np.sqrt(np.maximum(level_bias(found.accel) ** 2 - (G0 * accel) ** 2, (0.1 * found.accel.bias) ** 2))
     return replace(

@@ -77,7 +77,7 @@ class Outputs(NamedTuple):
     time: np.ndarray  # (m,) [s]
     aim: np.ndarray  # (m,) epoch for which the row was made; NaN: its time [s]
     state: np.ndarray  # (m, 10)
-    known: np.ndarray  # (m,) number of the row
+    known: np.ndarray  # (m,) row of the solution that these standard deviations belong to
     motion: np.ndarray  # (m, 6) motion at these rows, as in `Carried`
 
 

@@ -182,10 +182,7 @@ def advance(method, h, f, mid, k, vertical, gains, disturbed, errors, y, work): 
 def navigate(method, time, f, mid, vertical, gains, disturbed, errors, y, every, out):  # type: ignore[no-untyped-def]
     """Integrate a whole record; store the state at each `every`-th sample, including the first, in the rows of `out`.
 
-    Returns
-    -------
-    int
-        Number of steps: one less than samples, or fewer if a state leaves the range in which the equations hold.
+    Returns: number of steps: one less than samples, or fewer if a state leaves the range in which the equations hold.
     """
     work = np.zeros((5, STATES))
     last = 2 if disturbed else 1

@@ -78,7 +78,7 @@ def inner_product(x, i, y, k, blocks):  # type: ignore[no-untyped-def]
 
 @inner()
 def read_transition(system, k, f, ft, d):  # type: ignore[no-untyped-def]
-    """Read F: rows of navigation into `f` and its transpose `ft`, the diagonal into `d`. Return the span of drifts."""
+    """Read F: rows of navigation into `f` and its transpose `ft`, the diagonal into `d`. Return the drift time [s]."""
     span, phi, fade, _q, _qd, cleared = system
     n = fade.shape[1]
     for i in range(NAV):
@@ -92,10 +92,13 @@ def read_transition(system, k, f, ft, d):  # type: ignore[no-untyped-def]
 
 @inner(forceinline=True)
 def propagate(x, x9, c, d, drift, ft9, blocks, nav, n):  # type: ignore[no-untyped-def]
-    """Replace row `c` of `x` by F times it; `nav` (1, 16) is work space."""
+    """Replace row `c` of `x` by F times it, from `read_transition`: `ft9` by blocks, diagonal `d`, span `drift`.
+
+    `x9`: `x` in blocks of nine. `blocks`: number of blocks that navigation errors depend on. `nav` (1, 16): work space.
+    """
     nav[:] = 0.0
     add_product(nav, 0, x9, c, ft9, blocks, 16)
-    for j in range(NAV, n):  # offsets of positions are before their drifts
+    for j in range(NAV, n):  # an offset of positions grows by its drift, which has not changed yet: it comes later
         x[c, j] *= d[j]
         if n - 9 <= j < n - 6:
             x[c, j] += drift * x[c, j + 3]

@@ -94,6 +94,7 @@ def _drawn_up(
     known: tuple[Source, ...],
     progress: Callable[[float], None] | None,
 ) -> Budget:
+    """Compute a budget; add simulated runs if the errors exceed the linear model."""
     hold = max(settings.times) > LONGEST_FREE if settings.hold is None else settings.hold
 
     def drawn_up(runs: int) -> Budget:

@@ -209,7 +209,7 @@ def _opened(given: Mapping[str, str | Path], patient: _Patient) -> tuple[Recordi
         recording, drive = _attempt(parts, patient)
         best = best or recording
         patient.parts = parts
-        if drive is not None and "reference" not in given and "reference" in parts:  # so the file contains no fixes
+        if drive is not None and "reference" not in given and "reference" in parts:  # the file has no fixes
             patient.problems, patient.refusals = [], 0
             patient.roles[str(parts["reference"])] = "reference"
         if drive is not None or (recording is not None and recording.gps is not None and "reference" not in parts):
@@ -268,7 +268,7 @@ def _examined(found: Checked, data: Recording, drive: Drive | None, patient: _Pa
         rest = None
     still = _standing(imu, data.gps.data) if together and data.gps is not None else None
     found = replace(found, imu=inspect_samples(imu, rest, still), rest=rest)
-    _faults(imu, patient)
+    _report_sensor_faults(imu, patient)
     for reading in data.given().values():
         lost = of_code((*reading.events, *reading.facts.evidence), Code.ROWS_CUT, Code.READ_ROWS_UNREADABLE)
         patient.problems += lost
@@ -286,7 +286,7 @@ def _examined(found: Checked, data: Recording, drive: Drive | None, patient: _Pa
     if data.gps is not None:
         patient.problems += not_covered(data.imu.facts, data.gps.facts)
     if together:
-        _of_both(found, data, patient)
+        _suggest_options(found, data, patient)
     return found
 
 
@@ -298,7 +298,8 @@ def _standing(imu: ImuData, gps: GpsData) -> BoolArray | None:
     return np.asarray(np.interp(imu.time, gps.time[known], np.linalg.norm(gps.v_n[known], axis=1)) < STANDING)
 
 
-def _faults(imu: ImuData, patient: _Patient) -> None:
+def _report_sensor_faults(imu: ImuData, patient: _Patient) -> None:
+    """Report clipped, stuck and spiking sensors: the first of each kind, and their number."""
     try:
         events = inspect(imu)[1]
     except InsnavError as error:
@@ -392,7 +393,8 @@ def _run(drive: Drive, patient: _Patient) -> Run | None:
     return run
 
 
-def _of_both(found: Checked, data: Recording, patient: _Patient) -> None:
+def _suggest_options(found: Checked, data: Recording, patient: _Patient) -> None:
+    """Suggest axes, GPS delay and lever arm for the printed command, if the run estimated significant values."""
     axes = data.imu.facts.axes
     if found.mounting and axes and axes != "FRD" and data.inputs.get("axes") is None:
         patient.inputs["axes"] = axes

@@ -59,8 +59,8 @@ _WORD = re.compile(r"[A-Za-z][a-z']{2,}")
 _ALLOWED = """
 insnav Allan Greenhall Riley Harvey Owen Song Nelson Staum Shapley Kalibr Tedaldi Pretto Menegatti Markdown Unix
 Ferraris Euler EuRoC GeoJSON deg arcsec arcmin min ppm rad mrad sin cos single Std
-states smooth format csv figures page drives out imu gps
-"""  # people, programs, units; names of options, folders and inputs
+states smooth format csv figures page drives out imu gps msl
+"""  # people, programs, units; names and values of options, folders and inputs
 NAMES = set(_ALLOWED.split())
 for part in (ROOT / "insnav" / "imu" / "parts").glob("*.toml"):
     NAMES |= set(_WORD.findall(part.read_text(encoding="utf-8").partition("grade =")[0]))  # name and maker

@@ -75,7 +75,7 @@ def test_drift_of_coning(half_angle_deg, frequency, sampling):
 
 @pytest.mark.parametrize("sampling", ["increment", "instant"])
 def test_drift_of_coning_beyond_the_bars_is_told(sampling):
-    # five samples a cycle: no algorithm on so few knows the motion; the true coning rate is 3.9e6 deg/h
+    # five samples a cycle: no algorithm on so few knows the motion; the true coning rate is 3.9e3 deg/h
     found = drift(Cone(DEG, 2 * np.pi * 20.0), REGULAR, sampling)
     print(f"coning 1 deg, 20 Hz, 100 Hz {sampling}: {found / DEG_PER_H:.1f} deg/h")
     assert found < 1e-3 * 2 * np.pi * 20.0 * (1 - np.cos(DEG)) * 50

@@ -66,9 +66,10 @@ def test_with_all_given_but_what_lasts_of_the_errors_of_fixes_that_is_found():
     ],
 )
 def test_noise_that_is_given_too_small_is_said(model, factor, code):
-    """An IMU better than it is: 297 m; three times surer fixes: all rejected. Neither pointed to the noise.
+    """A specification of too good an IMU, or reported sds of a third of the true ones, gives a finding.
 
-    Noise and bias of the gyros at rest contradict navigation grade.
+    Earlier versions ended with an error of 297 m and with all fixes rejected, and did not report the noise. Noise and
+    bias of the gyros at rest contradict navigation grade.
     """
     drive = insnav.simulate("figure_eight", imu="automotive", gps="single", seed=11)
     fixes = drive.gps.data

@@ -113,7 +113,7 @@ def test_equals_it_on_a_recording(name: str, length: float, imu_model: str) -> N
 
 @pytest.mark.parametrize("given", [{}, {"heading": 28.0 * DEG, "lever_arm": (2.0, 0.5, 0.0)}], ids=["right", "wrong"])
 def test_a_run_with_these_options_does_not_depend_on_later_data(given: dict[str, Any]) -> None:
-    """Not even if the drive contradicts what is given: lever arm, heading, misalignments."""
+    """The filtered solution is the same with and without later data, even if lever arm and heading are wrong."""
     imu, gps, _ = city(3, "rtk")
     given = GIVEN | given
     run = causal(imu, gps, **given)

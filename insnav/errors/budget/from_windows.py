@@ -47,7 +47,7 @@ MINUTE = 60.0  # [s]
 
 @dataclass(frozen=True, slots=True)
 class Replicas:
-    """Window errors of several replicas, and the position of the recorded ones among them."""
+    """Window errors of several replicas, their prediction band, and the recorded window errors."""
 
     times: FloatArray  # (k,) [s]
     # (s, k, 6) RMS error of each replica, reference errors included, `insnav.errors.outage.gnss_outage.COMPONENTS` [m]
@@ -159,7 +159,7 @@ def replicas(
     workers: Workers = 1,
     progress: Callable[[float], None] | None = None,
 ) -> tuple[Replicas, ...]:
-    """Simulate replicas and locate the recorded windows of each kind among them.
+    """Simulate replicas, and compare the recorded RMS errors with theirs, for each kind of windows.
 
     `count`: number of replicas, three or more.
     Raises: InputError: fewer than three replicas could be navigated.

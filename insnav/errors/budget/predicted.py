@@ -12,12 +12,10 @@ Groves (2013), section 14.2 and chapter 5 (short-term error propagation); Titter
 Navigation Technology", 2nd ed. (2004), chapter 12. For integrals of white noise: Papoulis, "Probability, Random
 Variables, and Stochastic Processes" (1991), chapter 10.
 
-Beyond two minutes the feedback through the Earth's curvature matters: a position error tilts the level. The closed
-Schuler loop (`schuler`), ``w_s^2 = g / R``, then replaces every n-fold integral.
+Beyond two minutes a position error tilts the level, as the Earth is curved. `schuler` then corrects every integral.
 
-For a list of sources, constant errors are integrated along attitude and specific force of the motion. At rest this
-equals ``1/2 B t^2`` and similar laws to the last digit. Turns and accelerations add scale factor, misalignment and
-heading errors. Noise is integrated likewise, pulse by pulse, and gives the laws at rest.
+Along a motion, `analytic` integrates each constant error with the attitude and specific force of the motion, and each
+noise pulse by pulse. At rest this equals the laws above to the last digit.
 """
 
 from __future__ import annotations

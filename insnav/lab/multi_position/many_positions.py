@@ -163,9 +163,9 @@ class Turns:
     """The record prepared for integration between poses."""
 
     parts: Intervals  # gyros and accelerometers in the unit of the record
-    start: IntArray  # (m,) intervals from which and up to which each turn lasts
-    end: IntArray
-    moving: IntArray  # (k,) intervals that belong to a turn: rest is not integrated
+    start: IntArray  # (m,) number of the first interval of each turn
+    end: IntArray  # (m,) number of the interval after its last one
+    moving: IntArray  # (k,) intervals inside turns: stationary intervals are not integrated
     use: BoolArray  # (m,) turns with all samples present and in range
 
 

@@ -49,7 +49,7 @@ from insnav.types import BoolArray, FloatArray, ImuData, IntArray
 
 AXES = tuple(f"{sensor} {axis}" for sensor in ("gyro", "accel") for axis in "xyz")
 TAUS = 90
-LONGEST_PART = 3  # longest averaging time, relative to the record: beyond it almost no degree of freedom remains
+LONGEST_PART = 3  # the longest averaging time is a third of the record: longer ones have almost no freedom
 FEWEST = 100  # least number of samples
 GAP = 1.5  # a step longer than this many intervals lacks samples
 FILLED = 10  # gaps of up to so many samples are filled ...

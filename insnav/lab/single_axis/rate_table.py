@@ -67,9 +67,9 @@ class Record:
 def read_records(
     files: Sequence[str | Path | Table], schema: Sequence[Quantity], how: BenchOptions = STANDARD
 ) -> tuple[Record, ...]:
-    """Read the files of x, y, z, or of one sensor that stands for all three; see `read_record`.
+    """Read one file for each of the sensors x, y, z, or a single file for all three; see `read_record`.
 
-    Raises: InputError: there are not one or three, or their outputs have different units.
+    Raises: InputError: the number of files is neither one nor three, or their outputs have different units.
     """
     records = tuple(read_record(file, schema, how) for file in files)
     if len(records) not in (1, 3):

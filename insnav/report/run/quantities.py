@@ -143,8 +143,8 @@ def noise_section(found: NoiseEstimate | Tuned) -> Section:
     items = []
     for figure in found.figures:
         name, interval = figure.key.replace(".", " ").replace("_", " "), (figure.low, figure.high)
-        if figure.key.startswith("gps.") and not figure.unit:  # relative to the reported sd, or a share of variance
-            name += " of the variance that lasts" if figure.key == "gps.share" else ", factor of sd"
+        if figure.key.startswith("gps.") and not figure.unit:  # a factor on the reported sd, or a share of variance
+            name += " of time-correlated variance" if figure.key == "gps.share" else ", factor of sd"
         name += "" if figure.observable else ", not observable: the prior"
         items.append(Quantity(figure.key.replace(".", "_"), figure.value, figure.unit, None, interval, name))
     items += [*of_table("run.likelihood", found)]
