@@ -160,8 +160,8 @@ def turn_factors(angle2):  # type: ignore[no-untyped-def]
 def interval_ends(time, nominal, longest, window, before, first, last, start, end):  # type: ignore[no-untyped-def]
     """Fill `start` and `end` (n,) [s] of the intervals of samples `first` to `last` - 1, stamped at `time` (n,).
 
-    `before`: share of the interval before its stamp. Steps with missing samples are replaced by the `nominal` interval
-    [s]: steps longer than `longest` of these, and not compensated by shorter ones within `window` steps, as jitter is.
+    `before`: share of the interval before its stamp. The `nominal` interval [s] replaces steps with missing samples.
+    These are longer than `longest` nominal intervals, and not compensated by jitter within `window` steps.
     """
     n = time.shape[0]
     for k in range(max(first - 1, 0), last):

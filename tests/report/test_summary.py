@@ -13,7 +13,7 @@ from insnav.errors.metrics import position_errors
 from insnav.filter.noise_estimate import NoiseFigure
 from insnav.findings import Code, Finding, Severity
 from insnav.imu import load_imu
-from insnav.messages import form, phrase, sentence, word
+from insnav.messages import form, phrase, render, sentence, word
 from insnav.quantity import Quantity, quantity_of
 from insnav.report.page import Page, Section, Verdict, cell, section_tables
 from insnav.report.panels import Clock
@@ -228,7 +228,7 @@ def test_what_was_not_given_is_said_as_the_drive_shows_it(driven, navigated):
     lever = phrase("run.lever", arm=("1.00 ± 0.10", "0.00 ± 0.02", "-0.50 ± 0.01"))
     (said,) = [line for line in lines if line.startswith((sure, doubtful))]
     assert said.endswith(f"{early}{form('parts')}{lever}")
-    assert phrase("terminal.line", name=phrase("run.corrected"), text=sentence(notes[0])) in lines
+    assert phrase("terminal.line", name=phrase("run.corrected"), text=render(notes[0]).text) in lines
     bad = replace(page, verdict=Verdict("bad", "the errors are larger than stated", ""))
     assert any(line.startswith(doubtful) for line in brief_lines(bad, EvaluatedRun(shown, gps), None))
     wrong = replace(shown, events=(*shown.events, Finding.of(Code.REF_GEOID, subject="ref", height_m=47.0)))
