@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -143,6 +144,12 @@ def test_a_notebook_gets_the_tables(navigated):
     shown = navigated._repr_html_()
     assert "horizontal [m]" in shown
     assert "Options" not in shown
+    assert shown.count('<dl class="merits">') == 1
+    assert shown.count('<img alt="') == 2  # map and errors
+    assert "Track" in shown.partition("<img")[2].partition(">")[0]
+    rules = shown.partition("<style>")[2].partition("</style>")[0]
+    assert rules.startswith(".insnav {")  # the rest of the notebook keeps its style
+    assert not re.search(":root|body", rules)
 
 
 def test_a_crowded_and_hostile_run_still_fits(navigated):
