@@ -7,6 +7,7 @@ for speed, with results identical to the whole.
 from __future__ import annotations
 
 import ctypes
+import math
 import mmap
 import os
 import sys
@@ -34,7 +35,7 @@ def empty(shape: Sequence[int], dtype: Any = np.float64) -> NDArray[Any]:
 
     Raises: OutputError: the disk is too full for the file.
     """
-    size = int(np.prod(shape)) * np.dtype(dtype).itemsize
+    size = math.prod(shape) * np.dtype(dtype).itemsize
     if size <= min(SMALL, LARGE):
         return np.empty(shape, dtype)
     if size <= LARGE and size + sum(_held.values()) <= MOST:

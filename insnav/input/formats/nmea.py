@@ -37,7 +37,8 @@ _HALF_DAY = 43_200.0
 _QUALITY = {1: 5.0, 2: 4.0, 3: 5.0, 4: 1.0, 5: 2.0, 9: 4.0}
 _MODES = {"A": 5.0, "D": 4.0, "P": 5.0, "R": 1.0, "F": 2.0}  # in GNS and RMC
 _COLUMNS = ("lat_deg", "lon_deg", "alt", "separation", "fix", "speed_m_s", "course_deg")
-_OTHERS = ("sd_n_m", "sd_e_m", "sd_d_m", "heading_deg")
+_SEEN = ("satellites", 7), ("dop", 8), ("alt", 9)  # words of GGA and GNS
+_OTHERS = ("sd_n_m", "sd_e_m", "sd_d_m", "heading_deg", "satellites", "dop")
 
 
 def recognise(source: Source) -> bool:
@@ -103,13 +104,13 @@ class _Log:
 
     def _gga(self, epoch: dict[str, float], words: list[str]) -> None:
         epoch |= _place(words[2:6])
-        epoch |= {"alt": _number(words[9]), "separation": _number(words[11])}
+        epoch |= {key: _number(words[at]) for key, at in (*_SEEN, ("separation", 11))}
         epoch["fix"] = _QUALITY.get(int(_number(words[6], 0.0)), 0.0)
 
     def _gns(self, epoch: dict[str, float], words: list[str]) -> None:
         if "fix" not in epoch:  # GGA has more detail
             epoch |= _place(words[2:6])
-            epoch |= {"alt": _number(words[9]), "separation": _number(words[10])}
+            epoch |= {key: _number(words[at]) for key, at in (*_SEEN, ("separation", 10))}
             epoch["fix"] = max((_MODES.get(mode, 0.0) for mode in words[6]), default=0.0)
 
     def _rmc(self, epoch: dict[str, float], words: list[str]) -> None:

@@ -88,7 +88,8 @@ def read_gps(
     heading = read.columns.get("heading")
     heading = None if heading is None or not heading.any() else heading % (2.0 * np.pi)  # 0: unknown
     sd = (read.stacked(_STANDARD_DEVIATIONS[:3]), read.stacked(_STANDARD_DEVIATIONS[3:]))
-    data = GpsData(read.columns["time"], read.lla, read.v_n, *sd, reading.fix, heading)
+    seen = (each if each is not None and each.any() else None for each in map(read.columns.get, ("satellites", "dop")))
+    data = GpsData(read.columns["time"], read.lla, read.v_n, *sd, reading.fix, heading, *seen)
     return Reading(data, reading.events, reading.facts)
 
 
