@@ -75,8 +75,10 @@ WORK = [
     ("flight", "platform fw.csv --lat 48 --lon 11 --height 1000 --ref ref.csv --misalignment 0.1,0,0 --out out"),
     ("drive", f"outage {DRIVE} --lengths 5,10 --out out"),
     ("drive", f"budget {DRIVE} --ref ref.csv --times 10 --uncalibrated --runs 3 --out out"),
-    ("corpus", "regress --corpus trajectories/corpus.toml --engine 1 --quick --plot"),
-    ("corpus", "regress --corpus trajectories/corpus.toml --power"),
+    pytest.param(
+        "corpus", "regress --corpus trajectories/corpus.toml --engine 1 --quick --plot", marks=pytest.mark.nightly
+    ),
+    pytest.param("corpus", "regress --corpus trajectories/corpus.toml --power", marks=pytest.mark.nightly),
     pytest.param("drive", "demo --out out", marks=pytest.mark.nightly),
     pytest.param("drive", "verify --out out", marks=pytest.mark.nightly),
     pytest.param("drive", "platform --demo --out out", marks=pytest.mark.nightly),
