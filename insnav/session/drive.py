@@ -54,12 +54,8 @@ SHORT_REST = 10.0  # steady motion may resemble a stop for this long [s]
 STAGES = {  # description of the work, by step
     **dict.fromkeys(("clean", "one_clock", "receiver_noise", "imu_noise", "mounting"), "checking the data"),
     **{"align": "aligning", "noise": "finding the noise", "lever_arm": "finding the noise"},
-    **{
-        "explain": "looking for faults",
-        "navigate": "navigating",
-        "check_given": "evaluating",
-        "evaluate": "evaluating",
-    },
+    **{"explain": "looking for faults", "navigate": "navigating"},
+    **dict.fromkeys(("check_given", "evaluate"), "evaluating"),
 }
 REFERENCE_SD = (0.05, None)  # sd of reference positions and velocities [m], [m/s]; None: velocities are not used
 

@@ -29,7 +29,7 @@ def nominal() -> LinearRecord:
     drive = insnav.simulate("figure_eight", imu="automotive", seed=1)
     ready = run_steps(PREPARE[:1], drive.recording, drive.model)[1].ready
     assert ready is not None
-    return LinearRecord.of(ready)[0]
+    return next(LinearRecord.of(ready))
 
 
 def drawn(seed: int, step: Step | None = None, size: float = 0.0, weak: int = 0) -> LinearRecord:
@@ -96,7 +96,7 @@ def test_a_return_ends_displacements_of_the_fixes_alone() -> None:
     )
     weights = np.ones((record.time.size, WEIGHTED.size))
     best = Fit(steps, weights, Noise(), 0.0, record.run(steps, weights, Noise()), np.eye(5))
-    gyro, drag, passing, jump = faults_in(record, Search(best, (), (), 0, best, (1.0,) * len(steps)))
+    gyro, drag, passing, jump = faults_in(record, Search(best, (), (), 0, (1.0,) * len(steps)))
     assert np.isinf(gyro.end)
     assert (drag.end, drag.back) == (record.time[80], record.time[150])
     assert (passing.end, passing.back) == (record.time[95], record.time[95])
