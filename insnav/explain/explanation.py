@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from insnav import spill
 from insnav.earth import lla_offset
 from insnav.exceptions import DivergenceError
 from insnav.explain.kinds import FADES, KINDS, RETURN, Kind, cost_of_end
@@ -161,6 +162,7 @@ def explain_faults(ready: Prepared, kinds: Sequence[Kind]) -> tuple[Prepared, Ex
                 limits = state_detectable(record, found.best.seen, kinds)
             faults, best = faults_in(record, found), replace(found.best, seen=found.best.seen.bare())
             parts.append(Part(record.time, record.interval, replace(found, best=best), faults))
+            spill.release()
         same = alike(of_imu(faults_of(before)), of_imu(faults_of(parts)))
         if same and all(part.search.complete for part in parts):
             break
@@ -324,8 +326,7 @@ def apply_faults(ready: Prepared, faults: Sequence[Fault]) -> Prepared:
         elif fault.family != "delay":
             changes += _changes_of(fault)
     changes.sort(key=lambda change: change.time)
-    settings = replace(ready.settings, changes=tuple(changes), rough=tuple(rough))
-    settings = replace(settings, false=false if false.any() else None)
+    settings = replace(ready.settings, changes=tuple(changes), rough=tuple(rough), false=false if false.any() else None)
     if rough and settings.correlated is None:
         settings = replace(settings, correlated=usual_correlated(gps.position_sd))
     return replace(ready, gps=gps, settings=settings)
@@ -345,9 +346,7 @@ def _changes_of(fault: Fault) -> list[StateChange]:
 
 def _moved(fault: Fault) -> FloatArray:
     """Compute the displacement of the positions by a fault, North, East, Down (3,) [m]."""
-    if fault.family == "offset":
-        return fault.size
-    return np.asarray(fault.size * (fault.end - fault.begin))
+    return fault.size if fault.family == "offset" else np.asarray(fault.size * (fault.end - fault.begin))
 
 
 def find(fault: Fault, gps: GpsData) -> Finding:
@@ -355,19 +354,13 @@ def find(fault: Fault, gps: GpsData) -> Finding:
     passes, stays, name = CODES[fault.family]
     size = _moved(fault) if name == "distance_m" and np.isfinite(fault.end) else fault.size
     code = passes if np.isfinite(fault.end) else stays
-    value = float(np.linalg.norm(size))
-    if code in SIGNED:
-        value = -float(size[0])  # errors are estimate minus truth
-    subject = (
-        fault.kind.name.replace("_", " ") if fault.family in ("gyro", "accel") else SUBJECTS.get(fault.family, "gps")
-    )
+    value = -float(size[0]) if code in SIGNED else float(np.linalg.norm(size))  # errors are estimate minus truth
+    sensor = fault.family in ("gyro", "accel")
+    subject = fault.kind.name.replace("_", " ") if sensor else SUBJECTS.get(fault.family, "gps")
+    inside = gps.time[fault.inside(gps.time)]
     values: dict[str, Any] = {name: value}
     if code in (Code.RECORD_FALSE_POSITIONS, Code.RECORD_FALSE_VELOCITIES):
-        values = {
-            "count": int(np.count_nonzero(fault.inside(gps.time))),
-            name.replace("distance_m", "residual_m"): value,
-        }
-    inside = gps.time[fault.inside(gps.time)]
+        values = {"count": inside.size, name.replace("distance_m", "residual_m"): value}
     last = float(inside[-1]) if inside.size else fault.begin
     end = last if np.isfinite(fault.end) or fault.family == "delay" else None
     return Finding.of(code, fault.begin, end, subject=subject, **values)

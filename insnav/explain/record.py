@@ -20,6 +20,7 @@ from insnav.filter.error_model import MANOEUVRE, layout, reset_correlated
 from insnav.filter.gates import Gates
 from insnav.filter.gps_noise import CorrelatedNoise
 from insnav.filter.innovation_likelihood import thinned
+from insnav.filter.navigate import feed
 from insnav.filter.navigator import Navigator
 from insnav.filter.prepare import Prepared
 from insnav.filter.settings import FilterSettings
@@ -174,8 +175,7 @@ class LinearRecord:
         # misalignments are states here, not noise as in the filter
         model = replace(ready.model, noise=np.append(ready.model.noise[:-2], [0.0, 0.0]))
         navigator = Navigator(ready.initial, model, gps, ready.alignment, ready.nominal, settings)
-        navigator.feed(ready.imu)
-        whole = navigator.history().blocks()
+        whole = feed(navigator, ready.imu).history().blocks()
         blocks = [part for each in whole for part in np.array_split(each, -(-len(each) // LONGEST))]
         if len(blocks) > 1 and len(blocks[-1]) < SHORTEST:
             blocks[-2:] = [np.concatenate(blocks[-2:])]

@@ -32,10 +32,8 @@ class _Rebuilt(CompileResultCacheImpl):
 
     def rebuild(self, target_context: Any, payload: Any) -> Any:
         (name, kind, (code, bitcode)), entry, *rest = payload
-        nothing = ll.parse_assembly("").as_bitcode()
-        names = entry.llvm_func_name, entry.llvm_cpython_wrapper_name
-        target_context.codegen()._engine._defined_symbols.update(names)
-        payload = (name, kind, (code, nothing)), entry, *rest
+        target_context.codegen()._engine._defined_symbols |= {entry.llvm_func_name, entry.llvm_cpython_wrapper_name}
+        payload = (name, kind, (code, ll.parse_assembly("").as_bitcode())), entry, *rest
         kernel = super().rebuild(target_context, payload)  # type: ignore[no-untyped-call]
         # numba clones a module before it links the module
         kernel.library._shared_module = SimpleNamespace(clone=partial(ll.parse_bitcode, bitcode))
