@@ -160,8 +160,9 @@ def explain_faults(ready: Prepared, kinds: Sequence[Kind]) -> tuple[Prepared, Ex
             tried += considered_of(record, found)
             if not parts:
                 limits = state_detectable(record, found.best.seen, kinds)
-            faults, best = faults_in(record, found), replace(found.best, seen=found.best.seen.bare())
-            parts.append(Part(record.time, record.interval, replace(found, best=best), faults))
+            faults = faults_in(record, found)
+            found = replace(found, best=replace(found.best, seen=found.best.seen.bare()))
+            parts.append(Part(record.time, record.interval, found, faults))
             spill.release()
         same = alike(of_imu(faults_of(before)), of_imu(faults_of(parts)))
         if same and all(part.search.complete for part in parts):
