@@ -61,6 +61,12 @@ def _give_back() -> None:
         libc.mallopt(-1, 64 << 20)  # M_TRIM_THRESHOLD
 
 
+def trim() -> None:
+    """Return the memory of freed arrays to the system: glibc keeps those below 32 MB."""
+    if sys.platform == "linux" and hasattr(libc := ctypes.CDLL(None), "malloc_trim"):
+        libc.malloc_trim(0)
+
+
 def together(pieces: Iterable[bytes]) -> bytes | mmap.mmap:
     """Concatenate bytes; in a file if they exceed `LARGE`.
 

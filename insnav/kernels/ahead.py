@@ -17,17 +17,7 @@ from typing import Any
 from numba import __version__ as numba_version
 from numba import types
 
-from insnav.kernels import (
-    CONTENT,
-    alignment,
-    epoch,
-    errorstate,
-    increments,
-    linear,
-    measurements,
-    output,
-    smoother,
-)
+from insnav.kernels import CONTENT, alignment, epoch, errorstate, increments, linear, measurements, output, smoother
 from insnav.kernels import noise_likelihood as likelihood
 
 _tuple: Any = types.BaseTuple.from_types
