@@ -68,7 +68,7 @@ _AIMLESS = 0.5  # least norm of mean acceleration over mean norm, with gravity
 _UNCALIBRATED = 0.2  # largest relative error of an uncalibrated sensor
 _MAX_RATE = 12.0  # no vehicle turns faster persistently [rad/s]
 _MAX_SENSOR_RATE = 70.0  # largest rate of usual sensors [rad/s]
-_MAX_TURN_RATIO = 4.0  # factor by which a lever arm or a swaying vehicle may disturb the comparison with gravity
+MAX_TURN_RATIO = 4.0  # factor by which a lever arm or a swaying vehicle may disturb the comparison with gravity
 _MAX_BLOCKS = 1000
 _MIN_STEPS = 10
 _REPEATED = 0.5  # share of rows with the previous time, in a clock without enough digits
@@ -285,7 +285,7 @@ def find_gyro_unit(
     if correlation:
         for unit in (stated, *usual) if stated else usual:
             factor = abs(ratio) / ALL_UNITS[unit][1]
-            if 1.0 / _MAX_TURN_RATIO < factor < _MAX_TURN_RATIO:
+            if 1.0 / MAX_TURN_RATIO < factor < MAX_TURN_RATIO:
                 reason = {"ratio": factor, "correlation": correlation}
                 code = Code.UNITS_GYRO if correlation > 0.0 else Code.UNITS_GYRO_WRONG_WAY
                 shown, finding = unit, Finding.of(code, correlation=correlation, ratio=factor, unit=unit)
