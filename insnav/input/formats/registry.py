@@ -106,7 +106,7 @@ def choose_table(tables: Mapping[str, Table], part: str, topics: Collection[str]
             values = {"part": part, "count": len(there), "topics": tuple(there), "topic": next(iter(there))}
             notes = of_code([note for table in there.values() for note in table.notes], Code.READ_IMU_MODEL_BY_GRAVITY)
             noise = tuple(dict(note.values)["noise_rad_sqrt_s"] for note in notes)
-            code = "format.several_scales" if notes else "format.several_sensors"
+            code = "format.several_scales" if noise else "format.several_sensors"
             raise ConfigError(code, where=where, noise_rad_sqrt_s=noise, **values)
     found = tuple(sorted({key.partition(":")[0] for key in tables}))
     format_name = next((table.format for table in tables.values()), "")
