@@ -104,7 +104,7 @@ def _parts(sources: Mapping[str, Any], inputs: Inputs) -> dict[str, Any]:
     topics = _topics(inputs, [key for tables in logs.values() for key in tables])
     given = dict(sources)
     if given.get("gps", "") is None and any(
-        key.startswith("gps") or (key == "" and given.get("reference") is None and _has_positions(table))
+        key.startswith("gps") or (key == "" and _has_positions(table))
         for key, table in logs.get(str(given["imu"]), {}).items()
     ):
         given["gps"] = given["imu"]
