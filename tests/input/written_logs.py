@@ -116,7 +116,12 @@ IMU_CPT = 0.1 / (3600.0 * 256.0), 0.05 / 2.0**15
 
 
 def novatel(
-    motion: Motion = SAMPLES, fixes: Motion = FIXES, *, imu_type: int = 32, typed: bool = True, scales: Any = STIM300
+    motion: Motion = SAMPLES,
+    fixes: Motion = FIXES,
+    *,
+    imu_type: int = 32,
+    typed: bool = True,
+    scales: tuple[float, float] = STIM300,
 ) -> bytes:
     """OM-20000169: BESTPOS, BESTVEL, INSPVAS, and RAWIMUSX of a STIM300, whose axes are Right, Forward, Up.
 

@@ -15,6 +15,7 @@ from pathlib import PurePath
 from typing import Any, TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from insnav import spill
 from insnav.deferred import library
@@ -86,6 +87,11 @@ class TextCells:
         if not numbers.cut and self.zeros:
             numbers = replace(numbers, cut=self._cut(zeros=self.zeros))
         return numbers
+
+    def labels(self, index: int) -> NDArray[Any]:
+        """Return a column of words ``(n,)``, such as names of sensors; one empty word if Arrow cannot read it."""
+        read = _if_valid(_read_texts, self.text, self.dialect, [index])
+        return np.array([""] if read is None else read[index].to_pylist())
 
     def _texts(self, indices: Sequence[int]) -> list[int]:
         """Find columns whose first rows contain dates, times of day or angles in text."""

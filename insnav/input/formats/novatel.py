@@ -280,7 +280,9 @@ def _samples(source: Source, log: Any, name: str, notes: list[Finding]) -> dict[
         note = Finding.of(Code.READ_IMU_MODEL, subject=name, model=models)
         if not stated:
             others = {scale / angle: model for model, scale, _ in reversed(_SCALES.values()) if scale != angle}
-            noise = np.median(np.diff(counts[:, :3], axis=0).std(axis=0)) * angle / np.sqrt(2.0 * np.median(np.diff(time)))
+            noise = (
+                np.median(np.diff(counts[:, :3], axis=0).std(axis=0)) * angle / np.sqrt(2.0 * np.median(np.diff(time)))
+            )
             values: dict[str, Any] = {"model": models, "others": tuple(others.values()), "ratios": tuple(others)}
             note = Finding.of(Code.READ_IMU_MODEL_BY_GRAVITY, subject=name, noise_rad_sqrt_s=float(noise), **values)
         tables[models] = column_table(source, columns, [note, *notes], row=name, axes="RFU")
