@@ -17,7 +17,7 @@ from insnav.explain import record as record_module
 from insnav.explain.explanation import faults_in
 from insnav.explain.kinds import KINDS, RETURN
 from insnav.explain.record import FAULTS, TAILS, WEIGHTED, LinearRecord, Noise, Step
-from insnav.explain.search import Fit, Search, search, search_part
+from insnav.explain.search import Fit, Search, same, search, search_part
 from insnav.filter.navigator import Navigator
 from insnav.filter.prepare import Prepared
 from insnav.kernels.dynamics import NAV
@@ -247,3 +247,11 @@ def test_figures_of_noise_stay_near_their_prior() -> None:
     for number in range(len(noise.figures)):
         assert abs(noise.moved(50.0 * np.eye(5)[number]).figures[number]) <= 3.0
         assert abs(noise.moved(-50.0 * np.eye(5)[number]).figures[number]) <= 3.0
+
+
+def test_faults_of_which_one_record_has_more_are_not_the_same():
+    """Only faults of the IMU were counted, and all compared in pairs: a drive ended with a ValueError."""
+    imu, fix = Step(OF["gyro_z"], 40, 1e-4), Step(OF["offset"], 90, 100.0)
+    assert same((imu, fix), (imu, fix))
+    assert not same((imu,), (imu, fix))
+    assert not same((imu, fix), (replace(imu, variance=1.0), fix))

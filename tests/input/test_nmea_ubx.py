@@ -114,6 +114,18 @@ def test_sentences_with_a_wrong_checksum_are_left_out_and_counted(save):
     assert np.isnan(reading.data.position_sd[:, 0]).sum() == 3
 
 
+def test_exchanged_fields_that_the_checksum_does_not_show_are_no_positions(save):
+    """The checksum is the same in any order. Longitude and dilution of precision exchanged moved a drive to 0.8'."""
+    lines = []
+    for line in nmea(rmc=False).split(b"\n"):
+        words = line.split(b",")
+        if words[0].endswith(b"GGA"):
+            words[4], words[8] = words[8], words[4]
+        lines.append(b",".join(words))
+    with refused(InputError, "format.nmea_no_position"):
+        read_gps(save(b"\n".join(lines)))
+
+
 def test_altitude_without_separation_is_height_above_sea_level(save):
     text = b""
     for line in nmea().splitlines():

@@ -103,7 +103,8 @@ class _Log:
             getattr(self, f"_{kind.lower()}")(self.epochs[-1], words)
 
     def _gga(self, epoch: dict[str, float], words: list[str]) -> None:
-        epoch |= _place(words[2:6])
+        if not _number(words[8]) > _LARGEST_DOP:
+            epoch |= _place(words[2:6])
         epoch |= {key: _number(words[at]) for key, at in (*_SEEN, ("separation", 11))}
         epoch["fix"] = _QUALITY.get(int(_number(words[6], 0.0)), 0.0)
 
@@ -155,6 +156,7 @@ class _Log:
         return seconds_of_week(date[last] + turns - turns[last], clock, "UTC")
 
 
+_LARGEST_DOP = 100.0  # receivers limit it to 99.99 (u-blox M8 protocol, UBX-13003221, GGA); otherwise it is no DOP
 # least number of words of each sentence type
 _LENGTHS = {"GGA": 12, "GNS": 11, "RMC": 10, "VTG": 6, "GST": 9, "ZDA": 5, "HDT": 2}
 
