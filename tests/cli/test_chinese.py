@@ -233,3 +233,8 @@ def test_words_of_pages_hold_the_numbers_and_parts_of_their_text() -> None:
         parts = [f"<{i}>" for i in range(text.count("{}"))]
         assert wanted.count("#") == text.count("#"), text
         assert all(part in wanted.format(*parts) for part in parts), text
+
+
+def test_the_command_after_a_simulation_is_no_word_of_the_language(drive: Path, cli: Cli) -> None:
+    last = cli("--lang", "zh", "simulate", "laboratory_slide", "--out", "out").out.splitlines()[-1]
+    assert last.split()[1:5] == ["insnav", "run", "out/imu.csv", "--gps"]
