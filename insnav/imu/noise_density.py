@@ -20,7 +20,7 @@ from insnav.exceptions import InputError
 from insnav.imu.model import per_sample, sample_intervals
 from insnav.imu.specification import PRESETS, ImuSpec
 from insnav.kernels.dynamics import NAV
-from insnav.types import FloatArray, ImuData, StateChange
+from insnav.types import BoolArray, FloatArray, ImuData, StateChange
 from insnav.units import DEG_PER_H, DEG_PER_SQRT_H, M_S_PER_SQRT_H
 
 # Length of the averaged pieces, also the shortest record [s], and the band [Hz]. Below are drift and window leakage of
@@ -145,12 +145,16 @@ def rounding_changes(imu: ImuData) -> tuple[StateChange, ...]:
     if not step.any():
         return ()
     first = np.unique(np.searchsorted(imu.time, np.arange(imu.time[0], imu.time[-1])))
-    seconds = np.split(imu.gyro, first[1:])
-    same = [(np.abs(each - np.median(each, axis=0)) < 0.5 * step).mean(axis=0) > HELD for each in seconds]
+    same = [_is_held(each, step) for each in np.split(imu.gyro, first[1:])]
     changed = np.diff(same, axis=0)
     rows = np.flatnonzero(changed.any(axis=1))
     variance = changed * (step / np.median(per_sample(imu))) ** 2 / 12.0
     return tuple(StateChange(float(imu.time[first[i + 1]]), NAV, np.zeros(3), variance[i]) for i in rows)
+
+
+def _is_held(values: FloatArray, step: FloatArray) -> BoolArray:
+    """Test whether nearly all samples of each column are the same step."""
+    return np.asarray((np.abs(values - np.median(values, axis=0)) < 0.5 * step).mean(axis=0) > HELD)
 
 
 def resolution(column: FloatArray) -> float:
@@ -164,7 +168,7 @@ def resolution(column: FloatArray) -> float:
 
 
 def nearest_preset(
-    gyro_density: FloatArray, accel_density: FloatArray, mean_rate: FloatArray | None = None
+    gyro_density: FloatArray, accel_density: FloatArray, mean_rate: FloatArray | None = None, rounded: FloatArray | float = 0.0
 ) -> tuple[ImuSpec, str]:
     """Choose the preset with white noise nearest to a measured one.
 
@@ -181,7 +185,7 @@ def nearest_preset(
     from insnav.imu.imu_file import load_imu  # noise estimation needs no pydantic
 
     excess = 0.0 if mean_rate is None else abs(float(np.linalg.norm(mean_rate)) - OMEGA_EARTH)
-    earth_seen = mean_rate is not None and excess < EARTH_SEEN * OMEGA_EARTH
+    earth_seen = mean_rate is not None and excess + np.max(rounded) < EARTH_SEEN * OMEGA_EARTH
     specs = [load_imu(name) for name in PRESETS]
     if earth_seen:
         specs = [spec for spec in specs if np.max(spec.gyro.bias) < OMEGA_EARTH]
@@ -193,7 +197,7 @@ def nearest_preset(
     ]
     limit = min(distances) + math.log(SAME)
     spec = next(spec for spec, distance in zip(specs, distances, strict=True) if distance <= limit)
-    bias = np.maximum(spec.gyro.bias, excess)
+    bias = np.hypot(np.maximum(spec.gyro.bias, excess), rounded)
     seen = " and the gyros show the Earth's rate" if earth_seen else ""
     biased = f", and with a gyro bias of {excess / DEG_PER_H:.2g} deg/h" if np.any(bias > spec.gyro.bias) else ""
     sentence = (
@@ -216,14 +220,21 @@ def identify(imu: ImuData, start: float, end: float) -> tuple[ImuSpec, str]:
     `start`, `end`: the stationary interval [s].
     Raises: InputError: the interval is too short or sampled too slowly.
     """
-    return nearest_preset(*white_noise(imu, start, end), mean_rate(imu, start, end))
+    return nearest_preset(*white_noise(imu, start, end), *mean_rate(imu, start, end))
 
 
-def mean_rate(imu: ImuData, start: float, end: float) -> FloatArray:
-    """Compute the mean rate of the gyros over an interval, (3,) [rad/s]. `start`, `end`: of the interval [s]."""
+def mean_rate(imu: ImuData, start: float, end: float) -> tuple[FloatArray, FloatArray]:
+    """Compute the mean rate of the gyros over an interval, and its sd by rounding, (3,) each [rad/s].
+
+    A gyro of coarse resolution that reads a constant hides its rate, see `rounding_changes`.
+
+    `start`, `end`: of the interval [s].
+    """
     rows = _rows(imu, start, end)
-    mean = spill.mean(imu.gyro[rows])
-    return mean / sample_intervals(imu)[rows].mean() if imu.sampling == "increment" else mean
+    step = np.array([resolution(column) for column in imu.gyro.T])
+    took = sample_intervals(imu)[rows].mean() if imu.sampling == "increment" else 1.0
+    rounded = np.where(_is_held(imu.gyro[rows], step), step / np.sqrt(12.0), 0.0)
+    return spill.mean(imu.gyro[rows]) / took, rounded / took
 
 
 def _log_ratio(measured: FloatArray, preset: FloatArray) -> float:

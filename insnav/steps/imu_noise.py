@@ -36,7 +36,7 @@ def imu_from_rest(imu: ImuData, rest: tuple[float, float] | None) -> tuple[ImuSp
         spec = load_imu("consumer")
         return spec, Finding.of(Code.IMU_MODEL_ASSUMED, limit_s=SHORTEST_REST, preset=spec.name)
     gyro, accel = white_noise(imu, *rest)
-    spec, _ = nearest_preset(gyro, accel, mean_rate(imu, *rest))
+    spec, _ = nearest_preset(gyro, accel, *mean_rate(imu, *rest))
     noise: dict[str, Any] = {"gyro_noise_rad_sqrt_s": float(gyro.max()), "accel_noise_m_s_sqrt_s": float(accel.max())}
     return spec, Finding.of(Code.IMU_MODEL_FROM_REST, *rest, **noise, preset=spec.name)
 
