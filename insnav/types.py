@@ -338,6 +338,15 @@ class StateChange:
     variance: FloatArray  # (3,) lower limit of the error variance after the change
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class RoundingChange:
+    """Time at which gyros of coarse resolution get other rounding errors."""
+
+    time: float  # of the epoch after the change [s], in sample time
+    before: FloatArray  # (3,) variance of the rounding error of each gyro before [rad^2/s^2]; NaN without a change
+    after: FloatArray  # (3,) and after it: zero where noise averages the rounding errors
+
+
 @dataclass(frozen=True, slots=True)
 class Smoothed:
     """Smoothed (RTS) solution: every epoch from the whole recording, including later fixes."""

@@ -35,7 +35,7 @@ from insnav.kernels.dynamics import NAV
 from insnav.kernels.errorstate import STATES
 from insnav.kernels.measurements import NOT_FINITE, fault_of, inverse, measurement_fault, swing
 from insnav.strapdown import TIME_TOLERANCE
-from insnav.types import Alignment, FloatArray, StateChange
+from insnav.types import Alignment, FloatArray, RoundingChange, StateChange
 
 MAX_REPAIRS = 10  # rounding causes one or two in hours; more indicate a defect of model or data
 # filterpy imports all its parts, and for them scipy.stats and scipy.linalg, in half a second; no run needs these
@@ -190,6 +190,7 @@ class Estimate:
         self._changing = self.all, self.span, self._carried.sums, self._phi, self._q, self.before
         self._rough = settings.rough
         self._changes = [change for change in settings.changes if change.time > start.time]
+        self._rounding = [change for change in settings.rounding if change.time > start.time]
         begin, rest = alignment.static or (-np.inf, -np.inf)
         rest = max(rest, alignment.left)
         part = (rest - begin) / (len(alignment.sway) + 1)  # changes occur between parts
@@ -221,14 +222,21 @@ class Estimate:
     def saved(self) -> tuple[Any, ...]:
         """Copy everything that changes; the engine replaces its covariance, never parts of it."""
         arrays = [each.copy() for each in self._changing]
-        return arrays, self._engine.covariance, self._engine.repairs, tuple(self._changes), self._noise
+        return (
+            arrays,
+            self._engine.covariance,
+            self._engine.repairs,
+            tuple(self._changes),
+            tuple(self._rounding),
+            self._noise,
+        )
 
     def go_back(self, saved: tuple[Any, ...]) -> None:
         """Restore a state from `saved`."""
-        arrays, covariance, self._engine.repairs, changes, self._noise = saved
+        arrays, covariance, self._engine.repairs, changes, rounding, self._noise = saved
         for each, values in zip(self._changing, arrays, strict=True):
             each[:] = values
-        self._changes = list(changes)
+        self._changes, self._rounding = list(changes), list(rounding)
         self._engine.replace_covariance(covariance)
 
     def kept(self, time: float) -> FilterState:
@@ -272,11 +280,18 @@ class Estimate:
         epoch.turn(self._phi, self.all)
         epoch.not_linear(self._q, self.all, self.covariance)
         epoch.fade(self.all, at, times, sds, self._phi, self._q, self.span)
+        while self._rounding and self._rounding[0].time <= time + TIME_TOLERANCE:
+            self._round(self._rounding.pop(0))
         while self._changes and self._changes[0].time <= time + TIME_TOLERANCE:
             self._change(self._changes.pop(0))
         self._note_repair(time, self._engine.predict(self._phi, self._q, time))
         row = NONE if self.history is None else self.history.new_row()
         epoch.predicted(row, time, self.all, self.doubt, self.covariance, self._phi, self._q, self.span, self.before)
+
+    def _round(self, found: RoundingChange) -> None:
+        part = slice(NAV, NAV + 3)
+        variance = np.nan_to_num(np.maximum(found.before, found.after))
+        self._q[part, part] += np.diag(np.maximum(variance - np.diag(self.covariance)[part], 0.0))
 
     def _change(self, found: StateChange) -> None:
         """Apply a known change to the state, and increase the covariance by its uncertainty."""

@@ -19,8 +19,7 @@ from insnav.earth import OMEGA_EARTH
 from insnav.exceptions import InputError
 from insnav.imu.model import per_sample, sample_intervals
 from insnav.imu.specification import PRESETS, ImuSpec
-from insnav.kernels.dynamics import NAV
-from insnav.types import BoolArray, FloatArray, ImuData, StateChange
+from insnav.types import BoolArray, FloatArray, ImuData, RoundingChange
 from insnav.units import DEG_PER_H, DEG_PER_SQRT_H, M_S_PER_SQRT_H
 
 # Length of the averaged pieces, also the shortest record [s], and the band [Hz]. Below are drift and window leakage of
@@ -32,7 +31,9 @@ PIECES = 64  # memory is released after this many
 NYQUIST_PART = 0.8  # of the Nyquist frequency: nearer to it anti-aliasing filters lower the floor
 QUANTILE = 0.25
 LEVELS = 0.1  # distinct values of a coarse sensor, relative to its samples
-HELD = 0.86  # share of one value in a second: noise of a third of a step, which leaves a tenth of the rounding bias [-]
+# Share of two neighbouring values in a second, in the middle between others: noise of a third of a step, which leaves a
+# tenth of the rounding bias. Less noise leaves it also where the gyro alternates between two values [-].
+HELD = 0.93
 LOOKED = 1 << 16  # samples examined for steps
 
 # Of presets within this factor of the nearest distance, the least accurate is chosen. Noise alone does not separate
@@ -135,26 +136,33 @@ def resolution_noise(imu: ImuData) -> tuple[FloatArray, FloatArray]:
     return density * gyro, density * accel
 
 
-def rounding_changes(imu: ImuData) -> tuple[StateChange, ...]:
-    """Find when gyros of coarse resolution begin or cease to cross their steps: their bias changes then.
+def rounding_changes(imu: ImuData) -> tuple[RoundingChange, ...]:
+    """Find when the rounding errors of gyros of coarse resolution change.
 
-    Where nearly all samples of a second are the same, no noise averages the rounding error. It acts as a bias of
-    variance step^2 / 12 (B. Widrow and I. Kollar, "Quantization Noise", Cambridge 2008, chapters 4 and 19).
+    Where a second has nearly no third value, no noise averages the rounding error. It acts as a bias of
+    variance step^2 / 12 until the gyro crosses its steps, or stays at another one (B. Widrow and I. Kollar,
+    "Quantization Noise", Cambridge 2008, chapters 4 and 19).
     """
     step = np.array([resolution(column) for column in imu.gyro.T])
     if not step.any():
         return ()
     first = np.unique(np.searchsorted(imu.time, np.arange(imu.time[0], imu.time[-1])))
-    same = [_is_held(each, step) for each in np.split(imu.gyro, first[1:])]
-    changed = np.diff(same, axis=0)
-    rows = np.flatnonzero(changed.any(axis=1))
-    variance = changed * (step / np.median(per_sample(imu))) ** 2 / 12.0
-    return tuple(StateChange(float(imu.time[first[i + 1]]), NAV, np.zeros(3), variance[i]) for i in rows)
+    seconds = np.split(imu.gyro, first[1:])
+    same = np.array([_is_held(each, step) for each in seconds])
+    level = np.where(same, [each.mean(axis=0) for each in seconds], np.inf)
+    kept = np.isclose(level[1:], level[:-1], rtol=0.0, atol=0.5 * step)  # infinities are equal
+    variance = np.where(same, (step / np.median(per_sample(imu))) ** 2 / 12.0, 0.0)
+    return tuple(
+        RoundingChange(float(imu.time[first[i + 1]]), *np.where(kept[i], np.nan, variance[i : i + 2]))
+        for i in np.flatnonzero(~kept.all(axis=1))
+    )
 
 
 def _is_held(values: FloatArray, step: FloatArray) -> BoolArray:
-    """Test whether nearly all samples of each column are the same step."""
-    return np.asarray((np.abs(values - np.median(values, axis=0)) < 0.5 * step).mean(axis=0) > HELD)
+    """Test whether nearly all samples of each column are one value or two neighbouring values."""
+    off = values - np.median(values, axis=0)
+    pairs = (np.abs(off - side * step) < step for side in (-0.5, 0.5))
+    return np.asarray(np.max([each.mean(axis=0) for each in pairs], axis=0) > HELD)
 
 
 def resolution(column: FloatArray) -> float:
@@ -168,7 +176,10 @@ def resolution(column: FloatArray) -> float:
 
 
 def nearest_preset(
-    gyro_density: FloatArray, accel_density: FloatArray, mean_rate: FloatArray | None = None, rounded: FloatArray | float = 0.0
+    gyro_density: FloatArray,
+    accel_density: FloatArray,
+    mean_rate: FloatArray | None = None,
+    rounded: FloatArray | float = 0.0,
 ) -> tuple[ImuSpec, str]:
     """Choose the preset with white noise nearest to a measured one.
 
