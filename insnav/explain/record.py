@@ -26,7 +26,7 @@ from insnav.filter.settings import FilterSettings
 from insnav.kernels import linear
 from insnav.kernels.dynamics import NAV
 from insnav.kernels.errorstate import STATES
-from insnav.kernels.smoother import COAST, JACOBIAN, KIND, NOISE, RESIDUAL, TIME
+from insnav.kernels.smoother import COAST, CORRECTION, JACOBIAN, KIND, NOISE, RESIDUAL, TIME
 from insnav.types import BoolArray, FloatArray, GpsData, ImuData, IntArray, RoundingChange
 
 LONGEST, SHORTEST = 1024, 256  # largest and smallest number of epochs in a part of a long record
@@ -189,7 +189,7 @@ class LinearRecord:
         rows, columns = np.tril_indices(n)
         before[:, rows, columns] = before[:, columns, rows] = lower
         phi, fade = transition[:, : NAV * STATES].reshape(m, NAV, STATES).copy(), np.ones((m, n + FAULTS))
-        fade[:, NAV:n] = transition[:, NAV * STATES :]
+        fade[1:, NAV:n] = transition[1:, NAV * STATES :]
         used = (history[:, KIND, None].astype(int) >> np.arange(6) & 1 > 0) & (history[:, KIND, None] > COAST)
         h = np.where(used[:, :, None], jacobian.reshape(m, 6, n), 0.0)
         z = np.where(used, history[:, RESIDUAL : RESIDUAL + 6], 0.0)
@@ -212,18 +212,18 @@ class LinearRecord:
         h = np.concatenate([h, np.where(used[:, :, None], of_faults, 0.0)], axis=2)
         fed = np.zeros((m, n + FAULTS))
         fed[:, :n] = np.einsum("mi,mij->mj", z, gain)
-        for change in (each for each in settings.changes if each.change.any()):  # as the run took it off its state
-            of = int(np.searchsorted(time, change.time - 1e-6))
-            if 0 < of < m:
+        sensors, taken = history[:, CORRECTION : CORRECTION + STATES - NAV], np.zeros((m + 1, NAV))
+        for each in settings.changes:
+            if each.first < NAV:
+                taken[np.searchsorted(time, each.time - 1e-6), each.first : each.first + 3] += each.change
+        found = (*settings.changes, *settings.rounding)
+        for of in np.unique(np.searchsorted(time, [each.time - 1e-6 for each in found])):
+            if 0 < of < m:  # as the run took it off its state
+                q[of], qd[of], fade[of, NAV:STATES] = q[of - 1], qd[of - 1], fade[of - 1, NAV:STATES]
                 part = np.zeros(STATES)
-                part[change.first : change.first + 3] = change.change
-                part[NAV:] /= fade[of, NAV:STATES]
-                part[:NAV] = np.linalg.solve(phi[of, :, :NAV], part[:NAV] - phi[of, :, NAV:] @ part[NAV:])
+                part[NAV:] = sensors[of - 1] - (sensors[of] + fed[of, NAV:STATES]) / fade[of, NAV:STATES]
+                part[:NAV] = np.linalg.solve(phi[of, :, :NAV], taken[of] - phi[of, :, NAV:] @ part[NAV:])
                 fed[of - 1, :STATES] += part
-                q[of], qd[of] = q[of - 1], qd[of - 1]
-        for of in np.searchsorted(time, [each.time - 1e-6 for each in settings.rounding]):
-            if 0 < of < m:
-                q[of], qd[of] = q[of - 1], qd[of - 1]
         row = np.minimum(np.searchsorted(gps.time - settings.delay, time - 1e-4), gps.time.size - 1)
         sd = np.hstack([gps.position_sd[row], gps.velocity_sd[row]])
         # timestamps that scatter add speed and acceleration, the derivative by the delay

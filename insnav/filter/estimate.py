@@ -118,6 +118,7 @@ NEXT_TO_POLE = np.pi / 2 - 1.6e-4  # latitude beyond which a local-level frame i
 # added at a reset: its cause, perhaps a bias step, has also tilted and rotated the frame [rad]
 ATTITUDE_RESET_SD = np.deg2rad([6.0, 6.0, 10.0])
 BIAS_RESET_SD = np.array([*np.deg2rad([0.5, 0.5, 0.5]), 0.2, 0.2, 0.2])  # bias step that may cause it [rad/s], [m/s^2]
+UNKNOWN_BIAS = 1.0  # far beyond any gyro bias [rad/s]
 VELOCITY_RESET_SD = 5.0  # velocity sd of a reset by fixes without velocity [m/s]
 NONE = np.empty(0)  # no history row
 RESET_FACTOR = 3.0  # factor on the sd of the fix of a reset, as it follows many rejected fixes
@@ -191,6 +192,8 @@ class Estimate:
         self._rough = settings.rough
         self._changes = [change for change in settings.changes if change.time > start.time]
         self._rounding = [change for change in settings.rounding if change.time > start.time]
+        # of each gyro at its last change of rounding errors: bias without these, its variance, time
+        self._bias = np.tile([0.0, UNKNOWN_BIAS**2, start.time], (3, 1))
         begin, rest = alignment.static or (-np.inf, -np.inf)
         rest = max(rest, alignment.left)
         part = (rest - begin) / (len(alignment.sway) + 1)  # changes occur between parts
@@ -222,21 +225,15 @@ class Estimate:
     def saved(self) -> tuple[Any, ...]:
         """Copy everything that changes; the engine replaces its covariance, never parts of it."""
         arrays = [each.copy() for each in self._changing]
-        return (
-            arrays,
-            self._engine.covariance,
-            self._engine.repairs,
-            tuple(self._changes),
-            tuple(self._rounding),
-            self._noise,
-        )
+        expected = tuple(self._changes), tuple(self._rounding), self._bias.copy()
+        return arrays, self._engine.covariance, self._engine.repairs, *expected, self._noise
 
     def go_back(self, saved: tuple[Any, ...]) -> None:
         """Restore a state from `saved`."""
-        arrays, covariance, self._engine.repairs, changes, rounding, self._noise = saved
+        arrays, covariance, self._engine.repairs, changes, rounding, bias, self._noise = saved
         for each, values in zip(self._changing, arrays, strict=True):
             each[:] = values
-        self._changes, self._rounding = list(changes), list(rounding)
+        self._changes, self._rounding, self._bias = list(changes), list(rounding), bias.copy()
         self._engine.replace_covariance(covariance)
 
     def kept(self, time: float) -> FilterState:
@@ -289,15 +286,30 @@ class Estimate:
         epoch.predicted(row, time, self.all, self.doubt, self.covariance, self._phi, self._q, self.span, self.before)
 
     def _round(self, found: RoundingChange) -> None:
-        part = slice(NAV, NAV + 3)
-        variance = np.nan_to_num(np.maximum(found.before, found.after))
-        self._q[part, part] += np.diag(np.maximum(variance - np.diag(self.covariance)[part], 0.0))
+        """Give coarse gyros other rounding errors.
+
+        A correction is the sum of bias b and rounding error r, of variance v. Since the last change, b had variance V.
+        Regression, as in a smoother, gives b of the sum now with the factor V / (V + v); V v / (V + v) is left.
+        """
+        for axis in np.flatnonzero(~np.isnan(found.before)).tolist():
+            state, before = NAV + axis, float(found.before[axis])
+            bias, variance, since = self._bias[axis]
+            variance += self._noise.noise[6 + axis] * (found.time - since)
+            share = variance / (variance + before)
+            self.correction[axis] = bias + share * (self.correction[axis] - bias)
+            for each in (self._phi[state], self._q[state], self._q[:, state]):
+                each *= share
+            self._q[state, state] += share * before
+            known = float(self._phi[state] @ self.covariance @ self._phi[state] + self._q[state, state])
+            self._bias[axis] = self.correction[axis], known, found.time
+            self._q[state, state] += found.after[axis]
 
     def _change(self, found: StateChange) -> None:
         """Apply a known change to the state, and increase the covariance by its uncertainty."""
         error, part = np.zeros(self.at.states), slice(found.first, found.first + 3)
         error[part] = found.change
         errorstate.feed_back(self.x, self.correction, error)
+        self._bias[:, 0] -= error[NAV : NAV + 3]
         self._q[part, part] += np.diag(np.maximum(found.variance - np.diag(self.covariance)[part], 0.0))
         if found.first == NAV:  # it has rotated the IMU for a time between two epochs
             self._q[6:9, 6:9] += self._coast**2 * (found.change @ found.change + found.variance.max()) * np.eye(3)

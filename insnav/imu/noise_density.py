@@ -19,7 +19,7 @@ from insnav.earth import OMEGA_EARTH
 from insnav.exceptions import InputError
 from insnav.imu.model import per_sample, sample_intervals
 from insnav.imu.specification import PRESETS, ImuSpec
-from insnav.types import BoolArray, FloatArray, ImuData, RoundingChange
+from insnav.types import FloatArray, ImuData, RoundingChange
 from insnav.units import DEG_PER_H, DEG_PER_SQRT_H, M_S_PER_SQRT_H
 
 # Length of the averaged pieces, also the shortest record [s], and the band [Hz]. Below are drift and window leakage of
@@ -139,30 +139,39 @@ def resolution_noise(imu: ImuData) -> tuple[FloatArray, FloatArray]:
 def rounding_changes(imu: ImuData) -> tuple[RoundingChange, ...]:
     """Find when the rounding errors of gyros of coarse resolution change.
 
-    Where a second has nearly no third value, no noise averages the rounding error. It acts as a bias of
-    variance step^2 / 12 until the gyro crosses its steps, or stays at another one (B. Widrow and I. Kollar,
-    "Quantization Noise", Cambridge 2008, chapters 4 and 19).
+    Where a second has nearly no third value, little noise averages the rounding error. It acts as a bias until the gyro
+    crosses its steps, or stays at another one.
     """
     step = np.array([resolution(column) for column in imu.gyro.T])
     if not step.any():
         return ()
     first = np.unique(np.searchsorted(imu.time, np.arange(imu.time[0], imu.time[-1])))
     seconds = np.split(imu.gyro, first[1:])
-    same = np.array([_is_held(each, step) for each in seconds])
-    level = np.where(same, [each.mean(axis=0) for each in seconds], np.inf)
-    kept = np.isclose(level[1:], level[:-1], rtol=0.0, atol=0.5 * step)  # infinities are equal
-    variance = np.where(same, (step / np.median(per_sample(imu))) ** 2 / 12.0, 0.0)
+    variance = np.array([rounding_variance(each, step) for each in seconds])
+    level = np.where(variance > 0.0, [each.mean(axis=0) for each in seconds], np.inf)
+    kept = np.isclose(level[1:], level[:-1], rtol=0.0, atol=0.25 * step)  # infinities are equal
+    for axis, same in enumerate(kept.T):
+        run = np.cumsum(np.append(False, ~same))
+        variance[:, axis] = (np.bincount(run, variance[:, axis]) / np.bincount(run))[run]
+    variance /= np.median(per_sample(imu)) ** 2
     return tuple(
         RoundingChange(float(imu.time[first[i + 1]]), *np.where(kept[i], np.nan, variance[i : i + 2]))
         for i in np.flatnonzero(~kept.all(axis=1))
     )
 
 
-def _is_held(values: FloatArray, step: FloatArray) -> BoolArray:
-    """Test whether nearly all samples of each column are one value or two neighbouring values."""
+def rounding_variance(values: FloatArray, step: FloatArray) -> FloatArray:
+    """Compute the variance of the mean rounding error of each column (n, 3), zero if noise averages it.
+
+    With a share f of the samples at a neighbouring value, normal noise of sd s has the mean error f - 1/2 - s q(f), in
+    steps, with the quantile q of f. It is between f - 1/2 without noise and nearly zero. The variance of a uniform
+    distribution there is (1/2 - f)^2 / 3, and step^2 / 12 for a constant value (B. Widrow and I. Kollar, "Quantization
+    Noise", Cambridge 2008, chapters 4 and 19).
+    """
     off = values - np.median(values, axis=0)
-    pairs = (np.abs(off - side * step) < step for side in (-0.5, 0.5))
-    return np.asarray(np.max([each.mean(axis=0) for each in pairs], axis=0) > HELD)
+    shares = [(np.abs(off - side * step) < 0.75 * step).mean(axis=0) for side in (-0.5, 0.0, 0.5)]
+    one_value = np.maximum(shares[1], 0.5)
+    return np.where(np.maximum(shares[0], shares[2]) > HELD, (step * (one_value - 0.5)) ** 2 / 3.0, 0.0)
 
 
 def resolution(column: FloatArray) -> float:
@@ -244,7 +253,7 @@ def mean_rate(imu: ImuData, start: float, end: float) -> tuple[FloatArray, Float
     rows = _rows(imu, start, end)
     step = np.array([resolution(column) for column in imu.gyro.T])
     took = sample_intervals(imu)[rows].mean() if imu.sampling == "increment" else 1.0
-    rounded = np.where(_is_held(imu.gyro[rows], step), step / np.sqrt(12.0), 0.0)
+    rounded = np.sqrt(rounding_variance(imu.gyro[rows], step))
     return spill.mean(imu.gyro[rows]) / took, rounded / took
 
 
