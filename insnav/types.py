@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, ClassVar, Literal, Self
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -338,8 +338,7 @@ class StateChange:
     variance: FloatArray  # (3,) lower limit of the error variance after the change
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class RoundingChange:
+class RoundingChange(NamedTuple):
     """Time at which gyros of coarse resolution get other rounding errors."""
 
     time: float  # of the epoch after the change [s], in sample time

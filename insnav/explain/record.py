@@ -216,8 +216,8 @@ class LinearRecord:
         for each in settings.changes:
             if each.first < NAV:
                 taken[np.searchsorted(time, each.time - 1e-6), each.first : each.first + 3] += each.change
-        found = (*settings.changes, *settings.rounding)
-        for of in np.unique(np.searchsorted(time, [each.time - 1e-6 for each in found])):
+        at_change = [each.time - 1e-6 for each in settings.changes] + [each.time - 1e-6 for each in settings.rounding]
+        for of in np.unique(np.searchsorted(time, at_change)):
             if 0 < of < m:  # as the run took it off its state
                 q[of], qd[of], fade[of, NAV:STATES] = q[of - 1], qd[of - 1], fade[of - 1, NAV:STATES]
                 part = np.zeros(STATES)

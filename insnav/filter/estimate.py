@@ -118,7 +118,6 @@ NEXT_TO_POLE = np.pi / 2 - 1.6e-4  # latitude beyond which a local-level frame i
 # added at a reset: its cause, perhaps a bias step, has also tilted and rotated the frame [rad]
 ATTITUDE_RESET_SD = np.deg2rad([6.0, 6.0, 10.0])
 BIAS_RESET_SD = np.array([*np.deg2rad([0.5, 0.5, 0.5]), 0.2, 0.2, 0.2])  # bias step that may cause it [rad/s], [m/s^2]
-UNKNOWN_BIAS = 1.0  # far beyond any gyro bias [rad/s]
 VELOCITY_RESET_SD = 5.0  # velocity sd of a reset by fixes without velocity [m/s]
 NONE = np.empty(0)  # no history row
 RESET_FACTOR = 3.0  # factor on the sd of the fix of a reset, as it follows many rejected fixes
@@ -192,8 +191,8 @@ class Estimate:
         self._rough = settings.rough
         self._changes = [change for change in settings.changes if change.time > start.time]
         self._rounding = [change for change in settings.rounding if change.time > start.time]
-        # of each gyro at its last change of rounding errors: bias without these, its variance, time
-        self._bias = np.tile([0.0, UNKNOWN_BIAS**2, start.time], (3, 1))
+        # of each gyro at its last change of rounding errors: bias without these, its variance (unknown at first), time
+        self._bias = np.tile([0.0, 1.0, start.time], (3, 1))
         begin, rest = alignment.static or (-np.inf, -np.inf)
         rest = max(rest, alignment.left)
         part = (rest - begin) / (len(alignment.sway) + 1)  # changes occur between parts

@@ -253,7 +253,7 @@ def mean_rate(imu: ImuData, start: float, end: float) -> tuple[FloatArray, Float
     rows = _rows(imu, start, end)
     step = np.array([resolution(column) for column in imu.gyro.T])
     took = sample_intervals(imu)[rows].mean() if imu.sampling == "increment" else 1.0
-    rounded = np.sqrt(rounding_variance(imu.gyro[rows], step))
+    rounded = np.sqrt(rounding_variance(imu.gyro[rows][:LOOKED], step))
     return spill.mean(imu.gyro[rows]) / took, rounded / took
 
 

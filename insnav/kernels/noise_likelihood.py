@@ -10,6 +10,7 @@ estimation", IEEE Trans. Autom. Control 13 (1968) 646-655).
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
@@ -18,7 +19,6 @@ from insnav.kernels.dynamics import NAV
 from insnav.kernels.epoch import beyond_linear, count_tilt
 from insnav.kernels.errorstate import SENSOR, STATES
 from insnav.kernels.smoother import COAST, CORRECTION, JACOBIAN, KIND, NOISE, RESIDUAL, RESTART, STATE, TIME
-from insnav.types import RoundingChange
 
 OPENED = 15  # states that a reset opens: navigation errors and biases
 MOST = 40  # states; a filter has up to 35. Compilers prefer rows of known length
@@ -42,12 +42,13 @@ def held(transition: np.ndarray) -> np.ndarray:
 
 
 def tape(
-    history: np.ndarray, n: int, noise: np.ndarray, bridged: np.ndarray, rounding: Sequence[RoundingChange]
+    history: np.ndarray, n: int, noise: np.ndarray, bridged: np.ndarray, rounding: Sequence[tuple[Any, ...]] = ()
 ) -> tuple[np.ndarray, ...]:
     """Extract from the history of a run the input of the innovation likelihood.
 
     `history` (m, width(n)): epochs, see `insnav.kernels.smoother`. `noise` (20,): spectral densities of the run, see
-    `insnav.kernels.errorstate`. `bridged` (m,): a data gap was bridged before the epoch. `rounding`: of coarse gyros.
+    `insnav.kernels.errorstate`. `bridged` (m,): a data gap was bridged before the epoch. `rounding`: of gyros,
+    times of changes, variances before and after (3,).
     Returns, for each epoch: time since the previous epoch [s]. Kind, as in the history. Transition (9, 21). Noise of
     unit density of gyros and accelerometers (2, 9, 9), and the factor for misalignment of one rad^2 s (2,). Variance
     added to velocity and attitude by bridging or sway at rest, then the squares for second-order noise, see
@@ -104,9 +105,9 @@ def tape(
         share[open_span, 1] = (pushed / noise[19])[open_span] / span[open_span]
     restart = own[:, :OPENED] - (np.arange(OPENED) > 5) * np.diagonal(after, axis1=1, axis2=2)[:, :OPENED]
     drawn = np.full((m + 1, 2, 3), np.nan)
-    for each in rounding:
-        new = drawn[int(np.searchsorted(time, each.time - 1e-6))]
-        new[:] = np.where(np.isnan(each.after), new, [np.where(np.isnan(new[0]), each.before, new[0]), each.after])
+    for at, old, new in rounding:
+        row = drawn[int(np.searchsorted(time, at - 1e-6))]
+        row[:] = np.where(np.isnan(new), row, [np.where(np.isnan(row[0]), old, row[0]), new])
     used_from_now = history[:, CORRECTION : CORRECTION + SENSOR]
     return (
         span,
