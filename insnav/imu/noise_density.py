@@ -244,12 +244,7 @@ def identify(imu: ImuData, start: float, end: float) -> tuple[ImuSpec, str]:
 
 
 def mean_rate(imu: ImuData, start: float, end: float) -> tuple[FloatArray, FloatArray]:
-    """Compute the mean rate of the gyros over an interval, and its sd by rounding, (3,) each [rad/s].
-
-    A gyro of coarse resolution that reads a constant hides its rate, see `rounding_changes`.
-
-    `start`, `end`: of the interval [s].
-    """
+    """Compute the mean rate of the gyros from `start` to `end` [s], and its sd by rounding, (3,) each [rad/s]."""
     rows = _rows(imu, start, end)
     step = np.array([resolution(column) for column in imu.gyro.T])
     took = sample_intervals(imu)[rows].mean() if imu.sampling == "increment" else 1.0
