@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, ClassVar, Literal, Self
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -342,6 +342,14 @@ class StateChange:
     first: int  # index of the first of the three error states
     change: FloatArray  # (3,) of the error, estimate minus truth
     variance: FloatArray  # (3,) lower limit of the error variance after the change
+
+
+class RoundingChange(NamedTuple):
+    """Time at which gyros of coarse resolution get other rounding errors."""
+
+    time: float  # of the epoch after the change [s], in sample time
+    before: FloatArray  # (3,) variance of the rounding error of each gyro before [rad^2/s^2]; NaN without a change
+    after: FloatArray  # (3,) and after it: zero where noise averages the rounding errors
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,7 +8,7 @@ costs one pass of covariance algebra over the epochs, without the samples.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -27,8 +27,8 @@ from insnav.filter.settings import FilterSettings
 from insnav.kernels import linear
 from insnav.kernels.dynamics import NAV
 from insnav.kernels.errorstate import STATES
-from insnav.kernels.smoother import COAST, JACOBIAN, KIND, NOISE, RESIDUAL, TIME
-from insnav.types import BoolArray, FloatArray, GpsData, ImuData, IntArray
+from insnav.kernels.smoother import COAST, CORRECTION, JACOBIAN, KIND, NOISE, RESIDUAL, TIME
+from insnav.types import BoolArray, FloatArray, GpsData, ImuData, IntArray, RoundingChange
 
 LONGEST, SHORTEST = 1024, 256  # largest and smallest number of epochs in a part of a long record
 FAULTS = 9  # states of faults: offset of positions, its drift, offset of velocities
@@ -183,7 +183,7 @@ class LinearRecord:
         sd = np.sqrt(ready.model.noise[-2:] / MANOEUVRE)
         first = [ready.initial.from_fix, *[False] * (len(blocks) - 1)]
         records = (cls._from_history(*each, ready.gps, settings) for each in zip(blocks, first, strict=True))
-        return (record.with_axes(ready.imu, sd) for record in records)
+        return (record.with_axes(ready.imu, sd).with_rounding(settings.rounding) for record in records)
 
     @classmethod
     def _from_history(cls, history: FloatArray, from_fix: bool, gps: GpsData, settings: FilterSettings) -> LinearRecord:
@@ -196,7 +196,7 @@ class LinearRecord:
         rows, columns = np.tril_indices(n)
         before[:, rows, columns] = before[:, columns, rows] = lower
         phi, fade = transition[:, : NAV * STATES].reshape(m, NAV, STATES).copy(), np.ones((m, n + FAULTS))
-        fade[:, NAV:n] = transition[:, NAV * STATES :]
+        fade[1:, NAV:n] = transition[1:, NAV * STATES :]
         used = (history[:, KIND, None].astype(int) >> np.arange(6) & 1 > 0) & (history[:, KIND, None] > COAST)
         h = np.where(used[:, :, None], jacobian.reshape(m, 6, n), 0.0)
         z = np.where(used, history[:, RESIDUAL : RESIDUAL + 6], 0.0)
@@ -219,15 +219,18 @@ class LinearRecord:
         h = np.concatenate([h, np.where(used[:, :, None], of_faults, 0.0)], axis=2)
         fed = np.zeros((m, n + FAULTS))
         fed[:, :n] = np.einsum("mi,mij->mj", z, gain)
-        for change in (each for each in settings.changes if each.change.any()):  # as the run took it off its state
-            of = int(np.searchsorted(time, change.time - 1e-6))
-            if 0 < of < m:
+        sensors, taken = history[:, CORRECTION : CORRECTION + STATES - NAV], np.zeros((m + 1, NAV))
+        for each in settings.changes:
+            if each.first < NAV:
+                taken[np.searchsorted(time, each.time - 1e-6), each.first : each.first + 3] += each.change
+        at_change = [each.time - 1e-6 for each in settings.changes] + [each.time - 1e-6 for each in settings.rounding]
+        for of in np.unique(np.searchsorted(time, at_change)):
+            if 0 < of < m:  # as the run took it off its state
+                q[of], qd[of], fade[of, NAV:STATES] = q[of - 1], qd[of - 1], fade[of - 1, NAV:STATES]
                 part = np.zeros(STATES)
-                part[change.first : change.first + 3] = change.change
-                part[NAV:] /= fade[of, NAV:STATES]
-                part[:NAV] = np.linalg.solve(phi[of, :, :NAV], part[:NAV] - phi[of, :, NAV:] @ part[NAV:])
+                part[NAV:] = sensors[of - 1] - (sensors[of] + fed[of, NAV:STATES]) / fade[of, NAV:STATES]
+                part[:NAV] = np.linalg.solve(phi[of, :, :NAV], taken[of] - phi[of, :, NAV:] @ part[NAV:])
                 fed[of - 1, :STATES] += part
-                q[of], qd[of] = q[of - 1], qd[of - 1]
         row = np.minimum(np.searchsorted(gps.time - settings.delay, time - 1e-4), gps.time.size - 1)
         sd = np.hstack([gps.position_sd[row], gps.velocity_sd[row]])
         # timestamps that scatter add speed and acceleration, the derivative by the delay
@@ -249,23 +252,49 @@ class LinearRecord:
         Each acts on its axis by the mean rate or specific force of another axis. `sd`: (2,) of gyros and accelerometers
         [rad].
         """
-        last = NAV + 12
         rows = slice(*np.searchsorted(imu.time, [self.time[0] - 1.0, self.time[-1] + 1.0]))
         imu = imu.rows(rows)
         step = np.ones(1) if imu.sampling == "increment" else np.gradient(imu.time)[:, None]
         sums = np.cumsum(np.hstack([imu.gyro, imu.accel]) * step, axis=0)
         sums = np.stack([np.interp(self.time, imu.time, column) for column in sums.T], axis=1)
-        span, phi, fade, q, qd = self.system
+        span, phi, *_ = self.system
         mean = np.diff(sums, axis=0, prepend=sums[:1]) / np.maximum(span, 1e-9)[:, None]
         pairs = [(i, j) for i in range(6) for j in range(i // 3 * 3, i // 3 * 3 + 3) if i != j]
-        phi = np.dstack([phi, *(phi[:, :, NAV + i] * mean[:, j, None] for i, j in pairs)])
-        places, added = [last] * len(pairs), np.arange(last, last + len(pairs))
-        qd, h, fed, start = (np.insert(each, places, 0.0, axis=-1) for each in (qd, *self.measured[1:], self.start))
-        fade, start = np.insert(fade, places, 1.0, axis=1), np.insert(start, places, 0.0, axis=0)
-        start[added, added] = np.repeat(sd**2, len(pairs) // 2)
-        states = {name: first + len(pairs) * (first >= last) for name, first in self.states.items()}
-        measured = self.measured[0], h, fed
-        return replace(self, system=(span, phi, fade, q, qd), measured=measured, start=start, states=states)
+        by = np.stack([phi[:, :, NAV + i] * mean[:, j, None] for i, j in pairs], axis=2)
+        return self._with_states(by, np.repeat(sd**2, len(pairs) // 2))
+
+    def with_rounding(self, rounding: Sequence[RoundingChange]) -> LinearRecord:
+        """Add rounding errors of coarse gyros as states beside the bias: each change draws them anew."""
+        if not rounding:
+            return self
+        gyros, own = slice(NAV, NAV + 3), slice(STATES, STATES + 3)
+        record = self._with_states(self.system[1][:, :, gyros], np.zeros(3))
+        (_, _, fade, _, qd), start, first = record.system, record.start, np.full(3, np.nan)
+        for each, of in zip(rounding, np.searchsorted(self.time, [each.time - 1e-6 for each in rounding]), strict=True):
+            new = ~np.isnan(each.after)
+            if of == 0:
+                first[new] = each.after[new]
+                continue
+            first = np.where(np.isnan(first), each.before, first)
+            if of < self.time.size:
+                fade[of, own][new], qd[of, own][new] = 0.0, each.after[new]
+        unknown = np.diag(np.nan_to_num(first))  # the run estimates bias and rounding error together
+        start[gyros, gyros] += unknown
+        start[own, own] = unknown
+        start[gyros, own] = start[own, gyros] = -unknown
+        return record
+
+    def _with_states(self, by: FloatArray, variance: FloatArray) -> LinearRecord:
+        """Insert constant states after the sensor errors: their effect on each span (m, 9, k), and variance (k,)."""
+        (span, phi, fade, q, qd), (z, h, fed), added = self.system, self.measured, [STATES] * variance.size
+        fade = np.insert(fade, added, 1.0, axis=1)
+        qd, h, fed, start = (np.insert(each, added, 0.0, axis=-1) for each in (qd, h, fed, self.start))
+        start, phi = np.insert(start, added, 0.0, axis=0), np.dstack([phi[:, :, :STATES], by, phi[:, :, STATES:]])
+        own = np.arange(STATES, STATES + variance.size)
+        start[own, own] = variance
+        states = {name: first + own.size * (first >= STATES) for name, first in self.states.items()}
+        system = span, np.ascontiguousarray(phi), fade, q, qd
+        return replace(self, system=system, measured=(z, h, fed), start=start, states=states)
 
     def until(self, count: int) -> LinearRecord:
         """Select the first epochs."""

@@ -35,7 +35,7 @@ from insnav.kernels.dynamics import NAV
 from insnav.kernels.errorstate import STATES
 from insnav.kernels.measurements import NOT_FINITE, fault_of, inverse, measurement_fault, swing
 from insnav.strapdown import TIME_TOLERANCE
-from insnav.types import Alignment, FloatArray, StateChange
+from insnav.types import Alignment, FloatArray, RoundingChange, StateChange
 
 MAX_REPAIRS = 10  # rounding causes one or two in hours; more indicate a defect of model or data
 # filterpy imports all its parts, and for them scipy.stats and scipy.linalg, in half a second; no run needs these
@@ -190,6 +190,9 @@ class Estimate:
         self._changing = self.all, self.span, self._carried.sums, self._phi, self._q, self.before
         self._rough = settings.rough
         self._changes = [change for change in settings.changes if change.time > start.time]
+        self._rounding = [change for change in settings.rounding if change.time > start.time]
+        # of each gyro at its last change of rounding errors: bias without these, its variance (unknown at first), time
+        self._bias = np.tile([0.0, 1.0, start.time], (3, 1))
         begin, rest = alignment.static or (-np.inf, -np.inf)
         rest = max(rest, alignment.left)
         part = (rest - begin) / (len(alignment.sway) + 1)  # changes occur between parts
@@ -221,14 +224,15 @@ class Estimate:
     def saved(self) -> tuple[Any, ...]:
         """Copy everything that changes; the engine replaces its covariance, never parts of it."""
         arrays = [each.copy() for each in self._changing]
-        return arrays, self._engine.covariance, self._engine.repairs, tuple(self._changes), self._noise
+        expected = tuple(self._changes), tuple(self._rounding), self._bias.copy()
+        return arrays, self._engine.covariance, self._engine.repairs, *expected, self._noise
 
     def go_back(self, saved: tuple[Any, ...]) -> None:
         """Restore a state from `saved`."""
-        arrays, covariance, self._engine.repairs, changes, self._noise = saved
+        arrays, covariance, self._engine.repairs, changes, rounding, bias, self._noise = saved
         for each, values in zip(self._changing, arrays, strict=True):
             each[:] = values
-        self._changes = list(changes)
+        self._changes, self._rounding, self._bias = list(changes), list(rounding), bias.copy()
         self._engine.replace_covariance(covariance)
 
     def kept(self, time: float) -> FilterState:
@@ -272,17 +276,39 @@ class Estimate:
         epoch.turn(self._phi, self.all)
         epoch.not_linear(self._q, self.all, self.covariance)
         epoch.fade(self.all, at, times, sds, self._phi, self._q, self.span)
+        while self._rounding and self._rounding[0].time <= time + TIME_TOLERANCE:
+            self._round(self._rounding.pop(0))
         while self._changes and self._changes[0].time <= time + TIME_TOLERANCE:
             self._change(self._changes.pop(0))
         self._note_repair(time, self._engine.predict(self._phi, self._q, time))
         row = NONE if self.history is None else self.history.new_row()
         epoch.predicted(row, time, self.all, self.doubt, self.covariance, self._phi, self._q, self.span, self.before)
 
+    def _round(self, found: RoundingChange) -> None:
+        """Give coarse gyros other rounding errors.
+
+        A correction is the sum of bias b and rounding error r, of variance v. Since the last change, b had variance V.
+        Regression, as in a smoother, gives b of the sum now with the factor V / (V + v); V v / (V + v) is left.
+        """
+        for axis in np.flatnonzero(~np.isnan(found.before)).tolist():
+            state, before = NAV + axis, float(found.before[axis])
+            bias, variance, since = self._bias[axis]
+            variance += self._noise.noise[6 + axis] * (found.time - since)
+            share = variance / (variance + before)
+            self.correction[axis] = bias + share * (self.correction[axis] - bias)
+            for each in (self._phi[state], self._q[state], self._q[:, state]):
+                each *= share
+            self._q[state, state] += share * before
+            known = float(self._phi[state] @ self.covariance @ self._phi[state] + self._q[state, state])
+            self._bias[axis] = self.correction[axis], known, found.time
+            self._q[state, state] += found.after[axis]
+
     def _change(self, found: StateChange) -> None:
         """Apply a known change to the state, and increase the covariance by its uncertainty."""
         error, part = np.zeros(self.at.states), slice(found.first, found.first + 3)
         error[part] = found.change
         errorstate.feed_back(self.x, self.correction, error)
+        self._bias[:, 0] -= error[NAV : NAV + 3]
         self._q[part, part] += np.diag(np.maximum(found.variance - np.diag(self.covariance)[part], 0.0))
         if found.first == NAV:  # it has rotated the IMU for a time between two epochs
             self._q[6:9, 6:9] += self._coast**2 * (found.change @ found.change + found.variance.max()) * np.eye(3)

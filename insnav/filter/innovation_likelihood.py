@@ -106,7 +106,7 @@ class InnovationLikelihood:
         time = rows[:, TIME]
         at = layout(self._settings)
         self._lasting = at.correlated
-        self._tape = kernel.tape(rows, at.states, run.model.noise, bridged(imu.time, time))
+        self._tape = kernel.tape(rows, at.states, run.model.noise, bridged(imu.time, time), run.settings.rounding)
         self._offered = rows[:, SOURCE] == FIX
         h, jitter = self._tape[7], ready.settings.jitter
         # fixes: timestamp jitter times speed and acceleration, the negative of the delay column; other aiding: its
@@ -233,7 +233,6 @@ class InnovationLikelihood:
         variance = self._other + self._offered[:, None] * (factor * self._sd) ** 2
         count = kernel.innovations(
             self._tape,
-            self._run.model.decay,
             np.array([np.mean(model.noise[:3]), np.mean(model.noise[3:6]), *model.noise[18:]]),
             model.noise[6:18],
             model.decay,

@@ -65,7 +65,9 @@ class LateFixes:
 
     def __init__(self, ready: Prepared, settings: FilterSettings, epochs: FloatArray) -> None:
         at, time, gps = layout(settings), epochs[:, TIME], ready.gps
-        self._tape = noise_likelihood.tape(epochs, at.states, ready.model.noise, bridged(ready.imu.time, time))
+        self._tape = noise_likelihood.tape(
+            epochs, at.states, ready.model.noise, bridged(ready.imu.time, time), settings.rounding
+        )
         own = np.minimum(np.searchsorted(gps.time - settings.delay, time - TIME_TOLERANCE), gps.time.size - 1)
         good = np.abs(gps.time[own] - settings.delay - time) <= TIME_TOLERANCE
         # a position wrong by 100 km would dominate
@@ -249,7 +251,6 @@ class LateFixes:
         correlated = self._correlated
         count = noise_likelihood.innovations(
             (time, self._kind, *before[:4], z, h, *before[6:]),
-            decay,
             self._density,
             self._model.noise[6:18],
             decay,

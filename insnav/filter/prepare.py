@@ -241,7 +241,7 @@ def prepare(
     if settings.fixed_height_sd > 0.0:
         level = HeightAiding(np.array([initial.time]), initial.lla[2:], np.array([settings.fixed_height_sd]))
         settings = replace(settings, aiding=(level,))
-    settings = replace(settings, changes=() if as_given else rounding_changes(imu))
+    settings = replace(settings, rounding=() if as_given else rounding_changes(imu))
     return Prepared(
         *(imu, gps, model, settings, alignment, initial, nominal, (*notes, *found)),
         faults=(*faults, *frozen, *of_parts[1:]),

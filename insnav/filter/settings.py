@@ -9,7 +9,7 @@ import numpy as np
 from insnav.filter.gates import Gates
 from insnav.filter.gps_noise import CorrelatedNoise, Rough
 from insnav.filter.measurements.measurement import INTERVAL, Measurement
-from insnav.types import BoolArray, FloatArray, SensorLog, StateChange
+from insnav.types import BoolArray, FloatArray, RoundingChange, SensorLog, StateChange
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,6 +46,7 @@ class FilterSettings:
     aiding: tuple[Measurement, ...] | None = None  # besides fixes, in the order of use; None: undetermined
     aided_every: float = INTERVAL  # interval of aiding whose noise is white every `INTERVAL` [s]
     smooth: bool = True  # backward over the recording at its end; see `insnav.filter.smoother`
+    rounding: tuple[RoundingChange, ...] = ()  # of coarse gyros, in order of time
     changes: tuple[StateChange, ...] = ()  # in order of time; see `insnav.explain.explanation`
     false: BoolArray | None = None  # (2, n) positions and velocities to exclude, by the same module
     rough: tuple[Rough, ...] = ()  # intervals with larger time-correlated position errors, by the same module

@@ -19,8 +19,7 @@ from insnav.earth import OMEGA_EARTH
 from insnav.exceptions import InputError
 from insnav.imu.model import per_sample, sample_intervals
 from insnav.imu.specification import PRESETS, ImuSpec
-from insnav.kernels.dynamics import NAV
-from insnav.types import FloatArray, ImuData, StateChange
+from insnav.types import FloatArray, ImuData, RoundingChange
 from insnav.units import DEG_PER_H, DEG_PER_SQRT_H, M_S_PER_SQRT_H
 
 # Length of the averaged pieces, also the shortest record [s], and the band [Hz]. Below are drift and window leakage of
@@ -32,7 +31,9 @@ PIECES = 64  # memory is released after this many
 NYQUIST_PART = 0.8  # of the Nyquist frequency: nearer to it anti-aliasing filters lower the floor
 QUANTILE = 0.25
 LEVELS = 0.1  # distinct values of a coarse sensor, relative to its samples
-HELD = 0.86  # share of one value in a second: noise of a third of a step, which leaves a tenth of the rounding bias [-]
+# Share of two neighbouring values in a second, in the middle between others: noise of a third of a step, which leaves a
+# tenth of the rounding bias. Less noise leaves it also where the gyro alternates between two values [-].
+HELD = 0.93
 LOOKED = 1 << 16  # samples examined for steps
 
 # Of presets within this factor of the nearest distance, the least accurate is chosen. Noise alone does not separate
@@ -135,22 +136,42 @@ def resolution_noise(imu: ImuData) -> tuple[FloatArray, FloatArray]:
     return density * gyro, density * accel
 
 
-def rounding_changes(imu: ImuData) -> tuple[StateChange, ...]:
-    """Find when gyros of coarse resolution begin or cease to cross their steps: their bias changes then.
+def rounding_changes(imu: ImuData) -> tuple[RoundingChange, ...]:
+    """Find when the rounding errors of gyros of coarse resolution change.
 
-    Where nearly all samples of a second are the same, no noise averages the rounding error. It acts as a bias of
-    variance step^2 / 12 (B. Widrow and I. Kollar, "Quantization Noise", Cambridge 2008, chapters 4 and 19).
+    Where a second has nearly no third value, little noise averages the rounding error. It acts as a bias until the gyro
+    crosses its steps, or stays at another one.
     """
     step = np.array([resolution(column) for column in imu.gyro.T])
     if not step.any():
         return ()
     first = np.unique(np.searchsorted(imu.time, np.arange(imu.time[0], imu.time[-1])))
     seconds = np.split(imu.gyro, first[1:])
-    same = [(np.abs(each - np.median(each, axis=0)) < 0.5 * step).mean(axis=0) > HELD for each in seconds]
-    changed = np.diff(same, axis=0)
-    rows = np.flatnonzero(changed.any(axis=1))
-    variance = changed * (step / np.median(per_sample(imu))) ** 2 / 12.0
-    return tuple(StateChange(float(imu.time[first[i + 1]]), NAV, np.zeros(3), variance[i]) for i in rows)
+    variance = np.array([rounding_variance(each, step) for each in seconds])
+    level = np.where(variance > 0.0, [each.mean(axis=0) for each in seconds], np.inf)
+    kept = np.isclose(level[1:], level[:-1], rtol=0.0, atol=0.25 * step)  # infinities are equal
+    for axis, same in enumerate(kept.T):
+        run = np.cumsum(np.append(False, ~same))
+        variance[:, axis] = (np.bincount(run, variance[:, axis]) / np.bincount(run))[run]
+    variance /= np.median(per_sample(imu)) ** 2
+    return tuple(
+        RoundingChange(float(imu.time[first[i + 1]]), *np.where(kept[i], np.nan, variance[i : i + 2]))
+        for i in np.flatnonzero(~kept.all(axis=1))
+    )
+
+
+def rounding_variance(values: FloatArray, step: FloatArray) -> FloatArray:
+    """Compute the variance of the mean rounding error of each column (n, 3), zero if noise averages it.
+
+    With a share f of the samples at a neighbouring value, normal noise of sd s has the mean error f - 1/2 - s q(f), in
+    steps, with the quantile q of f. It is between f - 1/2 without noise and nearly zero. The variance of a uniform
+    distribution there is (1/2 - f)^2 / 3, and step^2 / 12 for a constant value (B. Widrow and I. Kollar, "Quantization
+    Noise", Cambridge 2008, chapters 4 and 19).
+    """
+    off = values - np.median(values, axis=0)
+    shares = [(np.abs(off - side * step) < 0.75 * step).mean(axis=0) for side in (-0.5, 0.0, 0.5)]
+    one_value = np.maximum(shares[1], 0.5)
+    return np.where(np.maximum(shares[0], shares[2]) > HELD, (step * (one_value - 0.5)) ** 2 / 3.0, 0.0)
 
 
 def resolution(column: FloatArray) -> float:
@@ -164,7 +185,10 @@ def resolution(column: FloatArray) -> float:
 
 
 def nearest_preset(
-    gyro_density: FloatArray, accel_density: FloatArray, mean_rate: FloatArray | None = None
+    gyro_density: FloatArray,
+    accel_density: FloatArray,
+    mean_rate: FloatArray | None = None,
+    rounded: FloatArray | float = 0.0,
 ) -> tuple[ImuSpec, str]:
     """Choose the preset with white noise nearest to a measured one.
 
@@ -181,7 +205,7 @@ def nearest_preset(
     from insnav.imu.imu_file import load_imu  # noise estimation needs no pydantic
 
     excess = 0.0 if mean_rate is None else rate_excess(mean_rate)
-    earth_seen = mean_rate is not None and excess < EARTH_SEEN * OMEGA_EARTH
+    earth_seen = mean_rate is not None and excess + np.max(rounded) < EARTH_SEEN * OMEGA_EARTH
     specs = [load_imu(name) for name in PRESETS]
     if earth_seen:
         specs = [spec for spec in specs if np.max(spec.gyro.bias) < OMEGA_EARTH]
@@ -200,14 +224,16 @@ def nearest_preset(
         f"{_span(accel_density, M_S_PER_SQRT_H)} m/s/sqrt(h){seen}; the nearest preset is {spec.name!r}, "
         f"taken with the measured noise where that is larger{biased}."
     )
-    found = raise_to_rest(spec, gyro_density, accel_density, excess)
+    found = raise_to_rest(spec, gyro_density, accel_density, excess, rounded)
     return replace(found, source=f"{sentence} The other figures: {spec.source}"), sentence
 
 
-def raise_to_rest(spec: ImuSpec, gyro: FloatArray, accel: FloatArray, excess: float) -> ImuSpec:
-    """Raise an IMU to its noise and gyro bias at rest: noise densities (3,), and a mean rate beyond the Earth's."""
+def raise_to_rest(
+    spec: ImuSpec, gyro: FloatArray, accel: FloatArray, excess: float, rounded: FloatArray | float
+) -> ImuSpec:
+    """Raise an IMU to its noise densities (3,) and gyro bias at rest: `rate_excess`, and rounding errors."""
     noise = replace(spec.accel, random_walk=np.maximum(spec.accel.random_walk, accel))
-    walk, bias = np.maximum(spec.gyro.random_walk, gyro), np.maximum(spec.gyro.bias, excess)
+    walk, bias = np.maximum(spec.gyro.random_walk, gyro), np.hypot(np.maximum(spec.gyro.bias, excess), rounded)
     return replace(spec, gyro=replace(spec.gyro, bias=bias, random_walk=walk), accel=noise)
 
 
@@ -222,14 +248,16 @@ def identify(imu: ImuData, start: float, end: float) -> tuple[ImuSpec, str]:
     `start`, `end`: the stationary interval [s].
     Raises: InputError: the interval is too short or sampled too slowly.
     """
-    return nearest_preset(*white_noise(imu, start, end), mean_rate(imu, start, end))
+    return nearest_preset(*white_noise(imu, start, end), *mean_rate(imu, start, end))
 
 
-def mean_rate(imu: ImuData, start: float, end: float) -> FloatArray:
-    """Compute the mean rate of the gyros over an interval, (3,) [rad/s]. `start`, `end`: of the interval [s]."""
+def mean_rate(imu: ImuData, start: float, end: float) -> tuple[FloatArray, FloatArray]:
+    """Compute the mean rate of the gyros from `start` to `end` [s], and its sd by rounding, (3,) each [rad/s]."""
     rows = _rows(imu, start, end)
-    mean = spill.mean(imu.gyro[rows])
-    return mean / sample_intervals(imu)[rows].mean() if imu.sampling == "increment" else mean
+    step = np.array([resolution(column) for column in imu.gyro.T])
+    took = sample_intervals(imu)[rows].mean() if imu.sampling == "increment" else 1.0
+    rounded = np.sqrt(rounding_variance(imu.gyro[rows][:LOOKED], step))
+    return spill.mean(imu.gyro[rows]) / took, rounded / took
 
 
 def _log_ratio(measured: FloatArray, preset: FloatArray) -> float:

@@ -96,7 +96,7 @@ def _kernels() -> tuple[tuple[tuple[Any, ...], ...], ...]:
     )
     assessment = (d1, d2, d1, *4 * [d2], i, flag, d, d, d, i1, d1, d2, d2, d2, d1)
     system, measured, kept = (d1, d3, d2, d3, d2, i1), (d2, d3, d2, d2), (d2, d2, d3, i1, d2, d3)
-    run = (d1, i1, d3, d4, d2, d2, d2, d3, d2, d2, d2)
+    run = (d1, i1, d3, d4, d2, d2, d2, d3, d2, d3, d2, d3)
     return (
         (
             (errorstate.propagate, *propagation),
@@ -115,7 +115,7 @@ def _kernels() -> tuple[tuple[tuple[Any, ...], ...], ...]:
             (increments.increments, flag, d1, d1, d2, d2, i1, d4, d4, i1, d1, d1, d2, d2, d2, d2),
             *((output.moved, d1, d1, d, d1), (output.add_moved, d2, i1, d2, d, d2)),
         ),
-        ((likelihood.innovations, run, *4 * [d1], i, d1, d1, d2, (d1, d2), d3, d, d2),),
+        ((likelihood.innovations, run, *3 * [d1], i, d1, d1, d2, (d1, d2), d3, d, d2),),
         (
             (epoch.assess_fix, *assessment),
             (measurements.zero_velocity, d1, d1, d1, d1, d2),

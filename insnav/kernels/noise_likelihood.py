@@ -9,6 +9,9 @@ estimation", IEEE Trans. Autom. Control 13 (1968) 646-655).
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from typing import Any
+
 import numpy as np
 
 from insnav.kernels import njit
@@ -38,17 +41,21 @@ def held(transition: np.ndarray) -> np.ndarray:
     return np.asarray((transition[:, 6:9, 9:12] == 0.0).all(axis=(1, 2)))
 
 
-def tape(history: np.ndarray, n: int, noise: np.ndarray, bridged: np.ndarray) -> tuple[np.ndarray, ...]:
+def tape(
+    history: np.ndarray, n: int, noise: np.ndarray, bridged: np.ndarray, rounding: Sequence[tuple[Any, ...]] = ()
+) -> tuple[np.ndarray, ...]:
     """Extract from the history of a run the input of the innovation likelihood.
 
     `history` (m, width(n)): epochs, see `insnav.kernels.smoother`. `noise` (20,): spectral densities of the run, see
-    `insnav.kernels.errorstate`. `bridged` (m,): a data gap was bridged before the epoch.
+    `insnav.kernels.errorstate`. `bridged` (m,): a data gap was bridged before the epoch. `rounding`: of gyros,
+    times of changes, variances before and after (3,).
     Returns, for each epoch: time since the previous epoch [s]. Kind, as in the history. Transition (9, 21). Noise of
     unit density of gyros and accelerometers (2, 9, 9), and the factor for misalignment of one rad^2 s (2,). Variance
     added to velocity and attitude by bridging or sway at rest, then the squares for second-order noise, see
     `beyond_linear` of `insnav.kernels.epoch` (9,). Measurement (6,), predicted minus measured, and derivative (6, n).
-    Error that the run subtracted from its state (n,). Sensor errors used from then on (12,). Variances of position,
-    velocity, attitude and biases from an explicit reset (15,), else zero.
+    Error that the run subtracted from its state (n,). Sensor errors before and after that (2, 12). Variances added to
+    position, velocity, attitude and biases by an explicit reset (15,), else zero. Variances of the rounding errors of
+    gyros before and after a change (2, 3), else NaN.
     """
     m, kind, time = history.shape[0], history[:, KIND].astype(np.int64), history[:, TIME]
     span = np.diff(time, prepend=time[:1])
@@ -97,6 +104,11 @@ def tape(history: np.ndarray, n: int, noise: np.ndarray, bridged: np.ndarray) ->
     if noise[19] > 0.0:
         share[open_span, 1] = (pushed / noise[19])[open_span] / span[open_span]
     restart = own[:, :OPENED] - (np.arange(OPENED) > 5) * np.diagonal(after, axis1=1, axis2=2)[:, :OPENED]
+    drawn = np.full((m + 1, 2, 3), np.nan)
+    for at, old, new in rounding:
+        row = drawn[int(np.searchsorted(time, at - 1e-6))]
+        row[:] = np.where(np.isnan(new), row, [np.where(np.isnan(row[0]), old, row[0]), new])
+    used_from_now = history[:, CORRECTION : CORRECTION + SENSOR]
     return (
         span,
         kind,
@@ -107,21 +119,22 @@ def tape(history: np.ndarray, n: int, noise: np.ndarray, bridged: np.ndarray) ->
         z,
         h,
         fed,
-        history[:, CORRECTION : CORRECTION + SENSOR].copy(),
+        np.stack([used_from_now + fed[:, NAV:STATES], used_from_now], axis=1),
         restart * (kind == RESTART)[:, None],
+        drawn[:m],
     )
 
 
 @njit(cache=True, nogil=True)
 def innovations(  # type: ignore[no-untyped-def]
-    run, nominal_decay, density, driving, decay, lasting, lasting_sd, lasting_time, variance, start, push, limit, out
+    run, density, driving, decay, lasting, lasting_sd, lasting_time, variance, start, push, limit, out
 ):
     """Compute the innovations of the filter under other noise, about the nominal run.
 
-    `run`: from `tape`. `nominal_decay`, `decay` (12,): inverse correlation times of the sensor errors in the nominal
-    run and in the other [1/s]. `density` (4,): of white noise of gyros and accelerometers, and by misalignment of each.
-    `driving` (12,): driving noise of the sensor errors. `lasting`: first state of the time-correlated errors of
-    position, or of position and velocity; negative without. `lasting_sd` (k,) [m, m/s], `lasting_time` (k,) [s].
+    `run`: from `tape`. `decay` (12,): inverse correlation times of the sensor errors [1/s]. `density` (4,): of white
+    noise of gyros and accelerometers, and by misalignment of each. `driving` (12,): driving noise of the sensor errors.
+    `lasting`: first state of the time-correlated errors of position, or of position and velocity; negative without.
+    `lasting_sd` (k,) [m, m/s], `lasting_time` (k,) [s].
     `variance` (m, 6): white noise of the measurements. `start`: mean (n,) and covariance (n, n) of the error of the
     nominal run. `push` (k, m, 9): known error that each span adds to position, velocity and attitude, then k - 1 for
     derivatives only. Overwritten by the mean errors at the end of each epoch and their derivatives. `limit`:
@@ -129,29 +142,28 @@ def innovations(  # type: ignore[no-untyped-def]
     and variance of every used component, conditional on the components before it, and derivatives of the innovation.
     Returns: number of components.
     """
-    span, kind, phi, white, share, bridge, z, h, fed, correction, restart = run
+    span, kind, phi, white, share, bridge, z, h, fed, correction, restart, drawn = run
     each, n = push.shape[0], start[0].shape[0]
     means = np.zeros((each, n))
     mean = means[0]
     wide = 8 * ((n + 7) // 8)  # whole registers, two at a time, padded with zeros
-    p, work = np.zeros((wide, MOST)), np.zeros((20, MOST))
+    p, work = np.zeros((wide, MOST)), np.zeros((19, MOST))
     w, ph, moved = work[:9], work[9:15], work[15]
-    fade, pace, last, inverse = work[16], work[17], work[18], work[19]
+    fade, last, inverse = work[16], work[17], work[18]
     for i in range(n):
         mean[i], fade[i] = start[0][i], 1.0
         for j in range(n):
             p[i, j] = start[1][i, j]
     lasts = lasting_sd.shape[0] if lasting > 0 else 0
     usual, count = -1.0, 0
+    bias, bias_variance = np.zeros((each, 3)), np.ones(3)  # without rounding errors, at their last change
     for k in range(span.shape[0]):
         dt = span[k]
         if dt > 0.0:
             if abs(dt - usual) > 1e-9:
                 usual = dt
                 for j in range(SENSOR):
-                    fade[NAV + j] = pace[j] = np.exp(-dt * decay[j])
-                    if nominal_decay[j] != decay[j]:
-                        pace[j] = np.exp(-dt * nominal_decay[j])
+                    fade[NAV + j] = np.exp(-dt * decay[j])
                 for j in range(lasts):
                     fade[lasting + j] = np.exp(-dt / lasting_time[j])
             of_accel = p[NAV + 3, NAV + 3] + p[NAV + 4, NAV + 4] + p[NAV + 5, NAV + 5]
@@ -198,8 +210,24 @@ def innovations(  # type: ignore[no-untyped-def]
                     means[c, j] *= fade[j]
             for j in range(SENSOR):
                 p[NAV + j, NAV + j] += dt * driving[j] + (shown if 3 <= j < 6 else 0.0)
-                # the correction of the nominal run decays with its own time constant
-                mean[NAV + j] = fade[NAV + j] * mean[NAV + j] + (pace[j] - fade[NAV + j]) * last[j]
+                # the nominal run has changed its correction in its own way
+                mean[NAV + j] = fade[NAV + j] * (mean[NAV + j] - last[j]) + correction[k, 0, j]
+            for j in range(3):
+                bias_variance[j] += dt * driving[j]
+                before, state = drawn[k, 0, j], NAV + j
+                if np.isnan(before):
+                    continue
+                by = bias_variance[j] / (bias_variance[j] + before)  # see `insnav.filter.estimate.Estimate`
+                mean[state] -= correction[k, 0, j]
+                for c in range(each):
+                    means[c, state] = bias[c, j] = bias[c, j] + by * (means[c, state] - bias[c, j])
+                mean[state] += correction[k, 0, j]
+                for i in range(n):
+                    p[state, i] *= by
+                for i in range(n):
+                    p[i, state] *= by
+                bias_variance[j] = p[state, state] + by * before
+                p[state, state] = bias_variance[j] + drawn[k, 1, j]
             for j in range(lasts):
                 at = lasting + j
                 p[at, at] += (1.0 - fade[at] ** 2) * lasting_sd[j] ** 2
@@ -270,5 +298,5 @@ def innovations(  # type: ignore[no-untyped-def]
             for i in range(NAV):
                 push[c, k, i] = means[c, i]
         for i in range(SENSOR):
-            last[i] = correction[k, i]
+            last[i] = correction[k, 1, i]
     return count

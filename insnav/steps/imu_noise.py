@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Any
 
+import numpy as np
+
 from insnav.alignment import find_stationary
 from insnav.filter.prepare import first_stationary
 from insnav.findings import Code, Finding
@@ -39,8 +41,9 @@ def raise_given(spec: ImuSpec, imu: ImuData, rest: tuple[float, float]) -> tuple
     """Raise a specification that the gyros at rest contradict, and report it. `rest`: start and end [s]."""
     gyro, accel = white_noise(imu, *rest)
     noise, given = float(gyro.min()), float(spec.gyro.random_walk.min())  # the other axes have more of the vibration
-    excess = rate_excess(mean_rate(imu, *rest))
-    biased = excess > UNLIKE * spec.gyro.bias.max()
+    mean, rounded = mean_rate(imu, *rest)
+    excess = rate_excess(mean)
+    biased = excess > UNLIKE * np.hypot(spec.gyro.bias, rounded).max()
     if noise <= (1.0 + UNLIKE * DENSITY_SD) * given and not biased:
         return spec, ()
     values: dict[str, Any] = {
@@ -48,7 +51,7 @@ def raise_given(spec: ImuSpec, imu: ImuData, rest: tuple[float, float]) -> tuple
         "given_rad_sqrt_s": given,
         **({"bias_rad_s": excess} if biased else {}),
     }
-    return raise_to_rest(spec, gyro, accel, excess), (Finding.of(Code.GIVEN_IMU_MODEL, *rest, **values),)
+    return raise_to_rest(spec, gyro, accel, excess, rounded), (Finding.of(Code.GIVEN_IMU_MODEL, *rest, **values),)
 
 
 def imu_from_rest(imu: ImuData, rest: tuple[float, float] | None) -> tuple[ImuSpec, Finding]:
@@ -60,7 +63,7 @@ def imu_from_rest(imu: ImuData, rest: tuple[float, float] | None) -> tuple[ImuSp
         spec = load_imu("consumer")
         return spec, Finding.of(Code.IMU_MODEL_ASSUMED, limit_s=SHORTEST_REST, preset=spec.name)
     gyro, accel = white_noise(imu, *rest)
-    spec, _ = nearest_preset(gyro, accel, mean_rate(imu, *rest))
+    spec, _ = nearest_preset(gyro, accel, *mean_rate(imu, *rest))
     noise: dict[str, Any] = {"gyro_noise_rad_sqrt_s": float(gyro.max()), "accel_noise_m_s_sqrt_s": float(accel.max())}
     return spec, Finding.of(Code.IMU_MODEL_FROM_REST, *rest, **noise, preset=spec.name)
 

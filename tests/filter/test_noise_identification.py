@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import replace
 
 import numpy as np
@@ -21,7 +22,7 @@ from insnav.imu.specification import ImuSpec, SensorSpec, level_bias
 from insnav.kernels import noise_likelihood as kernel
 from insnav.simulate import GpsErrors, corrupt_gps
 from insnav.simulate.sensor_errors import gauss_markov
-from insnav.types import FloatArray, GpsData, ImuData
+from insnav.types import FloatArray, GpsData, ImuData, RoundingChange
 from tests.filter import drives
 
 LAPS = 16  # twenty minutes
@@ -81,8 +82,9 @@ def random_run(rng: np.random.Generator, n: int, m: int) -> tuple[FloatArray, ..
     bridge = rng.uniform(0.0, 0.1, (m, 9))
     z, h = rng.standard_normal((m, 6)), rng.standard_normal((m, 6, n))
     fed = 0.1 * rng.standard_normal((m, n)) * (kind[:, None] > 0)
-    share, correction = rng.uniform(0.0, 1.0, (m, 2)), rng.standard_normal((m, 12))
-    return span, kind, phi, white, share, bridge, z, h, fed, correction, np.zeros((m, kernel.OPENED))
+    share, correction = rng.uniform(0.0, 1.0, (m, 2)), rng.standard_normal((m, 2, 12))
+    drawn = np.where(rng.random((m, 1, 3)) < 0.2, rng.uniform(0.0, 1.0, (m, 2, 3)), np.nan)
+    return span, kind, phi, white, share, bridge, z, h, fed, correction, np.zeros((m, kernel.OPENED)), drawn
 
 
 def test_the_likelihood_is_that_of_a_textbook_filter():
@@ -90,8 +92,8 @@ def test_the_likelihood_is_that_of_a_textbook_filter():
     rng = np.random.default_rng(3)
     n, m, lasting = 28, 40, 22
     run = random_run(rng, n, m)
-    span, kind, phi, white, share, bridge, z, h, fed, correction, _ = run
-    before, decay = rng.uniform(0.0, 0.1, 12), rng.uniform(0.0, 0.1, 12)
+    span, kind, phi, white, share, bridge, z, h, fed, correction, _, drawn = run
+    decay = rng.uniform(0.0, 0.1, 12)
     density, driving = rng.uniform(0.1, 1.0, 4), rng.uniform(0.1, 1.0, 12)
     sd, time = rng.uniform(0.5, 0.9, 6), np.repeat([3.0, 7.0], 3)
     variance = rng.uniform(0.5, 2.0, (m, 6))
@@ -100,13 +102,14 @@ def test_the_likelihood_is_that_of_a_textbook_filter():
     push = rng.standard_normal((2, m, 9))
     pushed = push.copy()
     count = kernel.innovations(
-        run, before, density, driving, decay, lasting, sd, time, variance, (first, root @ root.T), push, 1e9, out
+        run, density, driving, decay, lasting, sd, time, variance, (first, root @ root.T), push, 1e9, out
     )
     found = np.sum(np.log(out[1, :count]) + out[0, :count] ** 2 / out[1, :count])
 
     slope = np.sum(2.0 * out[0, :count] * out[2, :count] / out[1, :count])
 
     mean, by, p, total, by_push, rows = first, np.zeros(n), root @ root.T, 0.0, 0.0, 0
+    bias, unknown = np.zeros((2, 3)), np.ones(3)  # of gyros, and its variance
     for k in range(m):
         dt = span[k]
         if dt > 0.0:
@@ -127,8 +130,19 @@ def test_the_likelihood_is_that_of_a_textbook_filter():
             q[:9, 9:21] = 0.5 * dt * phi[k][:, 9:] * driving
             q[9:21, :9] = q[:9, 9:21].T
             known, more = np.concatenate([pushed[:, k], np.zeros((2, n - 9))], axis=1)
-            known[9:21] = (np.exp(-before * dt) - np.exp(-decay * dt)) * correction[k - 1]
+            known[9:21] = correction[k, 0] - np.exp(-decay * dt) * (correction[k - 1, 1] if k else 0.0)
             mean, by, p = f @ mean + known, f @ by + more, f @ p @ f.T + q
+            unknown += dt * driving[:3]
+            for j in np.flatnonzero(~np.isnan(drawn[k, 0])):  # bias regressed on the sum of bias and rounding error
+                both = np.array([[unknown[j], unknown[j]], [unknown[j], unknown[j] + drawn[k, 0, j]]])
+                gain, rest = both[0, 1] / both[1, 1], both[0, 0] - both[0, 1] ** 2 / both[1, 1]
+                to, used = np.eye(n), correction[k, 0, j]
+                to[9 + j, 9 + j] = gain
+                bias[:, j] += gain * (np.array([mean[9 + j] - used, by[9 + j]]) - bias[:, j])
+                mean, by, p = mean.copy(), by.copy(), to @ p @ to
+                mean[9 + j], by[9 + j] = bias[:, j] + [used, 0.0]
+                unknown[j] = p[9 + j, 9 + j] + rest
+                p[9 + j, 9 + j] = unknown[j] + drawn[k, 1, j]
         used = [i for i in range(6) if kind[k] >> i & 1]
         if used:
             hk, r = h[k][used], np.diag(variance[k, used])
@@ -145,10 +159,14 @@ def test_the_likelihood_is_that_of_a_textbook_filter():
     assert (found, slope) == pytest.approx((total, by_push), rel=1e-9)
 
 
-@pytest.mark.parametrize("of_velocities", [False, True])
-def test_with_its_own_noise_the_innovations_are_those_of_the_filter(of_velocities):
+@pytest.mark.parametrize(("of_velocities", "coarse"), [(False, False), (True, False), (False, True)])
+def test_with_its_own_noise_the_innovations_are_those_of_the_filter(of_velocities, coarse):
     imu, gps = recorded(1, GpsErrors((0.5, 0.5, 1.0), (1.0, 1.0, 1.5), 40.0, (0.1, 0.1, 0.15)), laps=4)
     ready = prepared(imu, gps, drives.SPEC, 1, laps=4)
+    if coarse:
+        sizes = itertools.pairwise(1e-6 * np.random.default_rng(2).uniform(0.0, 1.0, (12, 3)))
+        rounding = tuple(RoundingChange(float(gps.time[20 + 15 * i]), *each) for i, each in enumerate(sizes))
+        ready = replace(ready, settings=replace(ready.settings, rounding=rounding))
     drive = InnovationLikelihood(ready, drives.SPEC)
     if of_velocities:
         drive = drive.with_correlated_velocities()

@@ -12,7 +12,7 @@ import pytest
 import insnav
 from insnav.exceptions import InputError
 from insnav.imu import identify, load_imu, nearest_preset, white_noise
-from insnav.imu.noise_density import SLOW, rounding_changes
+from insnav.imu.noise_density import SLOW, mean_rate, rounding_changes, rounding_variance
 from insnav.types import ImuData, Sampling
 from tests.refusals import refused
 
@@ -218,21 +218,38 @@ def test_coarse_gyros_do_not_pass_for_those_of_an_aircraft() -> None:
     assert sd[1] < 1.5 * sd[0]
 
 
-def test_a_gyro_that_reads_a_constant_has_the_variance_of_its_rounding_error_as_bias() -> None:
-    """By Monte Carlo: the mean of rounded samples of a constant rate, with little noise and with that of motion."""
+def test_a_coarse_gyro_has_the_variance_of_its_rounding_error_as_bias() -> None:
+    """By Monte Carlo: mean errors of rounded constant rates, with little noise and with that of motion."""
     step, random, rates = 0.01, np.random.default_rng(3), 4000
     rate = random.uniform(-0.05, 0.05, rates)
-    errors = []
-    for noise in (1e-4 * step, 0.5 * step):
-        samples = rate[:, None] + noise * random.standard_normal((rates, 100))
-        errors.append((np.round(samples / step) * step).mean(axis=1) - rate)
-    gyro = 0.0032 + 0.005 * random.standard_normal((4000, 3))
-    gyro[:2000] = 0.0032 + 1e-4 * random.standard_normal((2000, 3))
+    found = []
+    for noise in (0.01 * step, 0.1 * step, step):
+        samples = np.round((rate + noise * random.standard_normal((100, rates))) / step) * step
+        found.append((np.mean((samples.mean(axis=0) - rate) ** 2), np.mean(rounding_variance(samples, np.array(step)))))
+    np.testing.assert_allclose(*found[0], rtol=0.1)
+    assert 1.0 < found[1][1] / found[1][0] < 2.0  # the noise is unknown: from none to a third of a step
+    assert found[2][1] == 0.0
+    gyro = 0.0032 + step * random.standard_normal((4000, 3))
+    gyro[:2000] = 0.0032 + 0.01 * step * random.standard_normal((2000, 3))
     accel = [0.0, 0.0, -9.8] + 0.01 * random.standard_normal((4000, 3))
     (change,) = rounding_changes(ImuData(0.01 * np.arange(4000), np.round(gyro / step) * step, accel))
     assert change.time == pytest.approx(20.0, abs=1.0)
-    np.testing.assert_allclose(change.variance, np.var(errors[0]), rtol=0.06)
-    assert np.var(errors[1]) < 0.1 * np.var(errors[0])
+    np.testing.assert_allclose(change.before, step**2 / 12.0, rtol=0.06)
+    np.testing.assert_array_equal(change.after, 0.0)
+
+
+def test_a_coarse_gyro_cannot_show_the_earth_rate() -> None:
+    """A car at rest had by chance a mean rate near the Earth's, and passed for tactical: outages were 21 m off."""
+    random, step = np.random.default_rng(4), 0.01
+    gyro = step * np.round(random.standard_normal((9000, 3)))
+    gyro[:6000] = 0.0
+    gyro[: 6000 : round(np.sqrt(3.0) * step / EARTH)] = step
+    imu = ImuData(0.01 * np.arange(9000), gyro, [0.0, 0.0, -9.8] + 0.01 * random.standard_normal((9000, 3)))
+    rate, rounded = mean_rate(imu, 0.0, 59.0)
+    assert np.linalg.norm(rate) == pytest.approx(EARTH, rel=0.1)
+    np.testing.assert_allclose(rounded, step / np.sqrt(12.0), rtol=0.03)
+    spec, _ = identify(imu, 0.0, 59.0)
+    assert spec.name == "consumer"
 
 
 def test_fine_gyros_have_no_changes_by_rounding() -> None:
