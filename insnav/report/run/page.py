@@ -234,7 +234,7 @@ def brief_lines(page: Page, found: EvaluatedRun, width: int | None = None) -> li
 
 
 def _with_options(said: Message) -> str:
-    """Write an observation, what insnav did, and the options that change it."""
+    """Write an observation, the action of insnav, and the options that change it."""
     options, stop = form("list").join(re.findall("--[a-z-]+", said.advice)), form("stop")
     text = form("joint").join(filter(None, (said.text, said.done)))
     return f"{text.removesuffix(stop)} ({options}){stop}" if options else text
