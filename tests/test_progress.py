@@ -36,6 +36,7 @@ def left_of(line: str) -> float | None:
 
 def test_a_stage_says_its_fraction_and_count_only_where_they_are_known(clock: Clock):
     stage = progress.Stages(print, ())
+    assert stage.line() == "computing: 0 s so far"  # before the first announcement
     stage("reading")
     clock(27.0)
     assert stage.line() == "reading: 27 s so far"  # what is not known is no time to come

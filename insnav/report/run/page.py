@@ -234,9 +234,10 @@ def brief_lines(page: Page, found: EvaluatedRun, width: int | None = None) -> li
 
 
 def _with_options(said: Message) -> str:
-    """Write an observation and the options that change it."""
+    """Write an observation, the action of insnav, and the options that change it."""
     options, stop = form("list").join(re.findall("--[a-z-]+", said.advice)), form("stop")
-    return f"{said.text.removesuffix(stop)} ({options}){stop}" if options else said.text
+    text = form("joint").join(filter(None, (said.text, said.done)))
+    return f"{text.removesuffix(stop)} ({options}){stop}" if options else text
 
 
 def _estimates(found: EvaluatedRun) -> Iterator[str]:

@@ -235,8 +235,7 @@ def _separation(run: Run, axis: RunAxis) -> list[Panel]:
 
 
 def _motion(found: EvaluatedRun, axis: RunAxis) -> list[Panel]:
-    speeds, heights, tilts, headings, seen = [], [], [], [], list[Curve]()
-    gps = found.gps
+    speeds, heights, tilts, headings, seen, gps = [], [], [], [], list[Curve](), found.gps
     for mode, solution in found.solutions.items():
         values = np.column_stack((np.linalg.norm(solution.v_n, axis=1), solution.lla[:, 2], solution.rph / DEG))
         time, columns = broken_at_gaps(axis.clock(solution.time), values)
