@@ -149,7 +149,10 @@ def rounding_changes(imu: ImuData) -> tuple[RoundingChange, ...]:
     seconds = np.split(imu.gyro, first[1:])
     variance = np.array([rounding_variance(each, step) for each in seconds])
     level = np.where(variance > 0.0, [each.mean(axis=0) for each in seconds], np.inf)
-    kept = np.isclose(level[1:], level[:-1], rtol=0.0, atol=0.25 * step)  # infinities are equal
+    kept, begin = np.ones((len(seconds) - 1, 3), dtype=np.bool_), level[0].copy()
+    for here, same in zip(level[1:], kept, strict=True):  # slow changes of rate add up
+        same[:] = np.isclose(here, begin, rtol=0.0, atol=0.25 * step)  # infinities are equal
+        begin[~same] = here[~same]
     for axis, same in enumerate(kept.T):
         run = np.cumsum(np.append(False, ~same))
         variance[:, axis] = (np.bincount(run, variance[:, axis]) / np.bincount(run))[run]
