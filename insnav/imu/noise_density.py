@@ -166,10 +166,10 @@ def rounding_changes(imu: ImuData) -> tuple[RoundingChange, ...]:
 def rounding_variance(values: FloatArray, step: FloatArray) -> FloatArray:
     """Compute the variance of the mean rounding error of each column (n, 3), zero if noise averages it.
 
-    With a share f of the samples at a neighbouring value, normal noise of sd s has the mean error f - 1/2 - s q(f), in
-    steps, with the quantile q of f. It is between f - 1/2 without noise and nearly zero. The variance of a uniform
-    distribution there is (1/2 - f)^2 / 3, and step^2 / 12 for a constant value (B. Widrow and I. Kollar, "Quantization
-    Noise", Cambridge 2008, chapters 4 and 19).
+    A share f of the samples is at a neighbouring value, with the normal quantile q(f). Noise of sd s then has the mean
+    error f - 1/2 - s q(f), in steps. It is between f - 1/2 without noise and nearly zero. A uniform
+    distribution there has the variance (1/2 - f)^2 / 3. A constant value gives step^2 / 12 (B. Widrow and I. Kollar,
+    "Quantization Noise", Cambridge 2008, chapters 4 and 19).
     """
     off = values - np.median(values, axis=0)
     shares = [(np.abs(off - side * step) < 0.75 * step).mean(axis=0) for side in (-0.5, 0.0, 0.5)]
