@@ -257,7 +257,7 @@ class LinearRecord:
         return self._with_states(by, np.repeat(sd**2, len(pairs) // 2))
 
     def with_rounding(self, rounding: Sequence[RoundingChange]) -> LinearRecord:
-        """Add rounding errors of coarse gyros as states beside the bias. After each change they are independent."""
+        """Separate rounding errors of coarse gyros from the bias. After each change they are independent."""
         if not rounding:
             return self
         gyros, own = slice(NAV, NAV + 3), slice(STATES, STATES + 3)
