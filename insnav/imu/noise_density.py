@@ -31,8 +31,8 @@ PIECES = 64  # memory is released after this many
 NYQUIST_PART = 0.8  # of the Nyquist frequency: nearer to it anti-aliasing filters lower the floor
 QUANTILE = 0.25
 LEVELS = 0.1  # distinct values of a coarse sensor, relative to its samples
-# Share of two neighbouring values in a second, in the middle between others: noise of a third of a step, which leaves a
-# tenth of the rounding bias. Less noise leaves it also where the gyro alternates between two values [-].
+# Share of two neighbouring values in a second, by noise of a third of a step in the middle of a step. Such noise leaves
+# a tenth of the rounding bias. Less noise leaves it also where the gyro alternates between two values [-].
 HELD = 0.93
 LOOKED = 1 << 16  # samples examined for steps
 
