@@ -264,7 +264,7 @@ class LinearRecord:
         return self._with_states(by, np.repeat(sd**2, len(pairs) // 2))
 
     def with_rounding(self, rounding: Sequence[RoundingChange]) -> LinearRecord:
-        """Add rounding errors of coarse gyros as states beside the bias: each change draws them anew."""
+        """Separate rounding errors of coarse gyros from the bias. After each change they are independent."""
         if not rounding:
             return self
         gyros, own = slice(NAV, NAV + 3), slice(STATES, STATES + 3)
@@ -285,7 +285,7 @@ class LinearRecord:
         return record
 
     def _with_states(self, by: FloatArray, variance: FloatArray) -> LinearRecord:
-        """Insert constant states after the sensor errors: their effect on each span (m, 9, k), and variance (k,)."""
+        """Insert constant states after the sensor errors. `by` (m, 9, k): effect on each span. `variance` (k,)."""
         (span, phi, fade, q, qd), (z, h, fed), added = self.system, self.measured, [STATES] * variance.size
         fade = np.insert(fade, added, 1.0, axis=1)
         qd, h, fed, start = (np.insert(each, added, 0.0, axis=-1) for each in (qd, h, fed, self.start))

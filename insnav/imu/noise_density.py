@@ -31,8 +31,8 @@ PIECES = 64  # memory is released after this many
 NYQUIST_PART = 0.8  # of the Nyquist frequency: nearer to it anti-aliasing filters lower the floor
 QUANTILE = 0.25
 LEVELS = 0.1  # distinct values of a coarse sensor, relative to its samples
-# Share of two neighbouring values in a second, in the middle between others: noise of a third of a step, which leaves a
-# tenth of the rounding bias. Less noise leaves it also where the gyro alternates between two values [-].
+# Share of two neighbouring values in a second, by noise of a third of a step in the middle of a step. Such noise leaves
+# a tenth of the rounding bias. Less noise leaves it also where the gyro alternates between two values [-].
 HELD = 0.93
 LOOKED = 1 << 16  # samples examined for steps
 
@@ -149,7 +149,10 @@ def rounding_changes(imu: ImuData) -> tuple[RoundingChange, ...]:
     seconds = np.split(imu.gyro, first[1:])
     variance = np.array([rounding_variance(each, step) for each in seconds])
     level = np.where(variance > 0.0, [each.mean(axis=0) for each in seconds], np.inf)
-    kept = np.isclose(level[1:], level[:-1], rtol=0.0, atol=0.25 * step)  # infinities are equal
+    kept, begin = np.ones((len(seconds) - 1, 3), dtype=np.bool_), level[0].copy()
+    for here, same in zip(level[1:], kept, strict=True):  # slow changes of rate add up
+        same[:] = np.isclose(here, begin, rtol=0.0, atol=0.25 * step)  # infinities are equal
+        begin[~same] = here[~same]
     for axis, same in enumerate(kept.T):
         run = np.cumsum(np.append(False, ~same))
         variance[:, axis] = (np.bincount(run, variance[:, axis]) / np.bincount(run))[run]
@@ -163,10 +166,10 @@ def rounding_changes(imu: ImuData) -> tuple[RoundingChange, ...]:
 def rounding_variance(values: FloatArray, step: FloatArray) -> FloatArray:
     """Compute the variance of the mean rounding error of each column (n, 3), zero if noise averages it.
 
-    With a share f of the samples at a neighbouring value, normal noise of sd s has the mean error f - 1/2 - s q(f), in
-    steps, with the quantile q of f. It is between f - 1/2 without noise and nearly zero. The variance of a uniform
-    distribution there is (1/2 - f)^2 / 3, and step^2 / 12 for a constant value (B. Widrow and I. Kollar, "Quantization
-    Noise", Cambridge 2008, chapters 4 and 19).
+    A share f of the samples is at a neighbouring value, with the normal quantile q(f). Noise of sd s then has the mean
+    error f - 1/2 - s q(f), in steps. It is between f - 1/2 without noise and nearly zero. A uniform
+    distribution there has the variance (1/2 - f)^2 / 3. A constant value gives step^2 / 12 (B. Widrow and I. Kollar,
+    "Quantization Noise", Cambridge 2008, chapters 4 and 19).
     """
     off = values - np.median(values, axis=0)
     shares = [(np.abs(off - side * step) < 0.75 * step).mean(axis=0) for side in (-0.5, 0.0, 0.5)]
