@@ -278,13 +278,8 @@ def _numbers(name: str, series: pd.Series[Any]) -> FloatArray:
         except (TypeError, ValueError):
             text.append(row)
     if text and np.isfinite(numbers).any():
-        raise InputError(
-            "session.not_a_number",
-            where=f"row {text[0] + 1}, column {plain_text(name)}",
-            value=plain_text(column[text[0]]),
-            count=len(text),
-            total=len(column),
-        )
+        values: dict[str, Any] = {"value": plain_text(column[text[0]]), "count": len(text), "total": len(column)}
+        raise InputError("session.not_a_number", where=f"row {text[0] + 1}, column {plain_text(name)}", **values)
     return numbers
 
 
