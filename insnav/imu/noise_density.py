@@ -70,7 +70,7 @@ def white_noise(
         values: dict[str, Any] = {"first_s": first, "last_s": last, "example": f"{first:.0f}:{first + end - start:.0f}"}
         raise InputError("imu.static_outside", where=f"{start:.3f} s to {end:.3f} s", **values)
     if length > count or highest < 2.0 * lowest:
-        values: dict[str, Any] = {"count": count, "first_s": first, "last_s": last, "needed_s": segment}
+        values = {"count": count, "first_s": first, "last_s": last, "needed_s": segment}
         values |= {"needed_hz": 4.0 * lowest / NYQUIST_PART}
         raise InputError("imu.static_too_short", where=f"{start:.3f} s to {end:.3f} s", **values)
     density = np.sqrt(_floor(imu, rows, interval, length, (lowest, highest)))

@@ -103,14 +103,9 @@ def choose_table(tables: Mapping[str, Table], part: str, topics: Collection[str]
         if len(there) == 1:
             return next(iter(there.values()))
         if there:
-            values: dict[str, Any] = {
-                "part": part,
-                "count": len(there),
-                "topics": tuple(there),
-                "topic": next(iter(there)),
-            }
             notes = of_code([note for table in there.values() for note in table.notes], Code.READ_IMU_MODEL_BY_GRAVITY)
-            noise = tuple(dict(note.values)["noise_rad_sqrt_s"] for note in notes)
+            noise, topics = tuple(dict(note.values)["noise_rad_sqrt_s"] for note in notes), tuple(there)
+            values: dict[str, Any] = {"part": part, "count": len(there), "topics": topics, "topic": topics[0]}
             if not noise:
                 raise ConfigError("format.several_sensors", where=where, **values)
             raise ConfigError("format.several_scales", where=where, noise_rad_sqrt_s=noise, **values)
@@ -121,7 +116,7 @@ def choose_table(tables: Mapping[str, Table], part: str, topics: Collection[str]
         shown |= {"unusable": next((table.unusable for table in tables.values() if table.unusable), ())}
         raise InputError("format.fixes_for_samples" if "gps" in tables else "format.no_samples", where=where, **shown)
     is_reference = part == "gps" and "reference" in tables
-    shown: dict[str, Any] = {"part": part, "format": format_name, "found": found}
+    shown = {"part": part, "format": format_name, "found": found}
     raise InputError("format.reference_for_fixes" if is_reference else "format.lacks_part", where=where, **shown)
 
 

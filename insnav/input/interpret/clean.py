@@ -157,8 +157,7 @@ def _stray(time: FloatArray) -> BoolArray:
     far = known & (away > 4.0 * np.median(away[known]))  # evenly spaced rows have a quarter of their span
     near = np.flatnonzero(known & ~far)
     far[: near[0]] = far[near[-1] :] = False
-    week = np.min(time[known]) >= 0.0 and np.max(time[known]) <= 7.0 * _DAY
-    if not week and not far.any():
+    if not far.any() and (time[known].min() < 0.0 or time[known].max() > 7.0 * _DAY):
         far = known & (away > _DAY)
     few = 0 < np.count_nonzero(far) <= min(_FEW_STRAY, 0.1 * len(time))
     return far if few and float(np.ptp(time[known & ~far])) < _DAY else np.zeros_like(known)

@@ -73,8 +73,7 @@ def _completed(file: str | Path | Table, columns: Mapping[str, str] | None) -> T
     units, values = [*(table.units or [""] * len(table.headers))], list[FloatArray]()
     for keys in (_TRUE, _OUTPUTS):
         own = [found[key].index for key in keys if key in found]
-        read = [*table.cells.read(own).columns.values()] or [np.empty(0)]
-        values.append(np.column_stack(read))
+        values.append(np.column_stack([*table.cells.read(own).columns.values()] or [np.empty(0)]))
         if len(own) == 3 and not any(found[key].unit for key in keys):
             norm = float(np.median(np.linalg.norm(values[-1], axis=1)))
             fits = [unit for unit in ("g", "m/s^2") if abs(norm * UNITS[unit][1] / G0 - 1.0) < UNCALIBRATED]
@@ -87,12 +86,9 @@ def _completed(file: str | Path | Table, columns: Mapping[str, str] | None) -> T
     force = np.sign(away) * (np.abs(away) == np.abs(away).max(axis=1, keepdims=True))
     if len(np.unique(force, axis=0)) < FEWEST:
         return replace(table, units=tuple(units))
-    headers, units = (
-        (*(f"{key}_g" for key in _TRUE), *(table.headers[i] for i in own)),
-        ["", "", "", *(units[i] for i in own)],
-    )
+    headers = *(f"{key}_g" for key in _TRUE), *(table.headers[i] for i in own)
     cells = ArrayCells(tuple(np.ascontiguousarray(np.hstack([force, output]).T)), table.cells.line)
-    return replace(table, headers=headers, units=tuple(units), cells=cells)
+    return replace(table, headers=headers, units=("", "", "", *(units[i] for i in own)), cells=cells)
 
 
 def read_positions(file: str | Path | Table, how: BenchOptions) -> Positions:
