@@ -64,7 +64,7 @@ def holds_positions(file: str | Path | Table) -> bool:
 
 
 def _completed(file: str | Path | Table, columns: Mapping[str, str] | None) -> Table:
-    """Add what gravity shows: units of specific forces without one, and true forces of the six faces.
+    """Add units of specific forces, and the true forces of six faces, by gravity if the file lacks them.
 
     In each position one axis is vertical: its output is the farthest from the middle of its range, of all three.
     """
