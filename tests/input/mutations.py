@@ -287,7 +287,7 @@ Version {version}; made by `python -m tests.input.mutations`, which explains the
 | --- | ---: | ---: | ---: | ---: | ---: | ---: |
 {lines}
 
-Silently wrong: {share:.2f} %. Largest memory of a process: {peak:.2f} GB.
+Silently wrong: {share:.2f} %. Largest memory of the processes with a record of it: {peak:.2f} GB.
 """
 
 
