@@ -131,7 +131,7 @@ class Mounting:
 
     @property
     def changes(self) -> int:
-        """Least number of signs that must change; that of all accelerometers is one convention, as of iOS."""
+        """Least number of changed signs; the sign of all three accelerometers is one convention, as of iOS."""
         if self.mirrored and len(self.inverted) == 1:
             at = "xyz".index(self.inverted[0])
             return 1 if self.letters[:at] + _OPPOSITE[self.letters[at]] + self.letters[at + 1 :] in _USUAL else 4

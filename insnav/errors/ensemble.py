@@ -7,6 +7,7 @@ the recordings, for a comparison at every time.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -160,13 +161,8 @@ def ensemble(runs: Runs, truth: Truth) -> Ensemble:
     """
     if len(runs.number) == 0:
         first = runs.failures[0]
-        raise InputError(
-            "diagnosis.all_runs_failed",
-            where=f"run {first.number}, seed {first.seed}",
-            count=len(runs.failures),
-            cause=first.error,
-            number=first.number,
-        )
+        values: dict[str, Any] = {"count": len(runs.failures), "cause": first.error, "number": first.number}
+        raise InputError("diagnosis.all_runs_failed", where=f"run {first.number}, seed {first.seed}", **values)
     time: FloatArray = truth.start + STEP * np.arange(epochs(truth), dtype=np.float64)
     total = runs.total
     known, fixed = total[:, _EPOCH] > 0.0, total[:, _FIX] > 0.0

@@ -23,6 +23,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, field, fields, replace
 from functools import partial
+from typing import Any
 
 import numpy as np
 
@@ -59,12 +60,9 @@ class RawScale:
         if np.shape(self.zero) != (3,) or np.shape(self.scale) != (3,):
             raise ConfigError("imu.raw_shape", where="raw.zero, raw.scale")
         if not (np.isfinite(self.zero).all() and np.isfinite(self.scale).all() and (self.scale != 0.0).all()):
-            raise ConfigError(
-                "imu.raw_unusable",
-                where="raw.zero, raw.scale",
-                zero=str(np.asarray(self.zero).tolist()),
-                scale=str(np.asarray(self.scale).tolist()),
-            )
+            values: dict[str, Any] = {"zero": str(np.asarray(self.zero).tolist())}
+            values |= {"scale": str(np.asarray(self.scale).tolist())}
+            raise ConfigError("imu.raw_unusable", where="raw.zero, raw.scale", **values)
 
     def value(self, output: FloatArray, axis: int, unit: str | None = None) -> FloatArray:
         """Convert outputs of one sensor to rate [rad/s] or specific force [m/s^2].
@@ -253,13 +251,9 @@ class ImuErrors:
             ("accel", self.accel_bias, self.accel_matrix),
         ):
             if np.shape(bias) != (3,) or np.shape(matrix) != (3, 3):
-                raise ConfigError(
-                    "imu.calibration_shape",
-                    where=f"{sensor}.bias, {sensor}.matrix",
-                    sensor=sensor,
-                    bias=str(np.shape(bias)),
-                    matrix=str(np.shape(matrix)),
-                )
+                values: dict[str, Any] = {"sensor": sensor, "bias": str(np.shape(bias))}
+                values |= {"matrix": str(np.shape(matrix))}
+                raise ConfigError("imu.calibration_shape", where=f"{sensor}.bias, {sensor}.matrix", **values)
             if not (np.isfinite(bias).all() and np.isfinite(matrix).all()):
                 raise ConfigError("imu.calibration_not_finite", where=sensor, sensor=sensor)
             near = float(np.abs(matrix - np.eye(3)).sum()) < 0.5  # to the identity: its condition number is below 3

@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 from statistics import NormalDist
+from typing import Any
 
 import numpy as np
 
@@ -67,23 +68,12 @@ def white_noise(
     length, highest = round(segment / interval), min(highest, NYQUIST_PART * 0.5 / interval)
     first, last = float(imu.time[0]), float(imu.time[-1])
     if start > last or start <= end < first:
-        raise InputError(
-            "imu.static_outside",
-            where=f"{start:.3f} s to {end:.3f} s",
-            first_s=first,
-            last_s=last,
-            example=f"{first:.0f}:{first + end - start:.0f}",
-        )
+        values: dict[str, Any] = {"first_s": first, "last_s": last, "example": f"{first:.0f}:{first + end - start:.0f}"}
+        raise InputError("imu.static_outside", where=f"{start:.3f} s to {end:.3f} s", **values)
     if length > count or highest < 2.0 * lowest:
-        raise InputError(
-            "imu.static_too_short",
-            where=f"{start:.3f} s to {end:.3f} s",
-            count=count,
-            first_s=first,
-            last_s=last,
-            needed_s=segment,
-            needed_hz=4.0 * lowest / NYQUIST_PART,
-        )
+        values = {"count": count, "first_s": first, "last_s": last, "needed_s": segment}
+        values |= {"needed_hz": 4.0 * lowest / NYQUIST_PART}
+        raise InputError("imu.static_too_short", where=f"{start:.3f} s to {end:.3f} s", **values)
     density = np.sqrt(_floor(imu, rows, interval, length, (lowest, highest)))
     gyro, accel = resolution_noise(imu)
     return np.maximum(density[:3], gyro), np.maximum(density[3:], accel)

@@ -87,12 +87,8 @@ def read_bench(
         if item.unit is None and item.quantity.dimension:
             raise InputError("lab.no_unit", where=table.name, column=item.header, name=item.quantity.name)
     if not found:
-        raise InputError(
-            "lab.no_column",
-            where=table.name,
-            headers=tuple(table.headers),
-            known=tuple(item.name for item in schema[:4]),
-        )
+        shown: dict[str, Any] = {"headers": tuple(table.headers), "known": tuple(item.name for item in schema[:4])}
+        raise InputError("lab.no_column", where=table.name, **shown)
     numbers = table.cells.read([item.index for item in found.values()])
     if numbers.cut:
         raise InputError("lab.truncated", where=table.name, **dict[str, Any](numbers.cut.values))
@@ -162,16 +158,9 @@ def clean_mean(
             break
     kept = samples[good]
     if kept.size < (1.0 - LARGEST_LOSS) * samples.size:
-        raise InputError(
-            "lab.dwell_of_spikes",
-            where=where,
-            begin_row=row + 1,
-            end_row=row + samples.size,
-            count=samples.size - kept.size,
-            limit=limit,
-            order=order,
-            residual_sd=np.std(residual),
-        )
+        values: dict[str, Any] = {"begin_row": row + 1, "end_row": row + samples.size}
+        values |= {"count": samples.size - kept.size, "limit": limit, "order": order, "residual_sd": np.std(residual)}
+        raise InputError("lab.dwell_of_spikes", where=where, **values)
     sd = float(np.std(residual[good]) / np.sqrt(kept.size)) if kept.size > 1 else 0.0
     return float(np.mean(kept)), sd, samples.size - kept.size
 
@@ -364,13 +353,9 @@ def read_drift(path: str | Path | Table, columns: Mapping[str, str] | None = Non
     for axis, known in _EVERY.items():
         sensor, letter = axis.split()
         if known["raw"].key in table.columns:
-            raise InputError(
-                "lab.drift_of_raw",
-                where=table.name,
-                sensor=axis,
-                unit=table.units[known["raw"].key],
-                name=known["sensed"].name,
-            )
+            shown: dict[str, Any] = {"sensor": axis, "unit": table.units[known["raw"].key]}
+            shown |= {"name": known["sensed"].name}
+            raise InputError("lab.drift_of_raw", where=table.name, **shown)
         for kind, into in values.items():
             if known[kind].key in table.columns:
                 (into if sensor == "gyro" else force)[letter] = table.columns[known[kind].key]

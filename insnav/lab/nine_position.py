@@ -16,6 +16,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -97,14 +98,9 @@ def check_positions(roll: FloatArray, pitch: FloatArray, where: str) -> tuple[Fi
         raise InputError("lab.positions_asymmetric", where=where, positions=_written(missing[:4]))
     if not _determined(roll, pitch):
         accel, gyro = _conditions(roll, pitch)
-        raise InputError(
-            "lab.positions_undetermined",
-            where=where,
-            count=len(here),
-            accel=accel,
-            gyro=gyro,
-            positions=_written(_to_add(roll, pitch)),
-        )
+        values: dict[str, Any] = {"count": len(here), "accel": accel, "gyro": gyro}
+        values |= {"positions": _written(_to_add(roll, pitch))}
+        raise InputError("lab.positions_undetermined", where=where, **values)
     return calibration.few("positions", len(here), len(STANDARD))
 
 

@@ -16,6 +16,7 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -124,13 +125,8 @@ def check_rates(rate: FloatArray, own: Sequence[IntArray], where: str) -> tuple[
     for axis, rows in zip("xyz", own, strict=True):
         different, gyro = np.unique(rate[rows, "xyz".index(axis)]), f"gyro {axis}"
         if different.size < FEWEST:
-            raise InputError(
-                "lab.no_sweep" if different.size < 2 else "lab.short_sweep",
-                where=where,
-                axis=axis,
-                count=different.size,
-                limit=FEWEST,
-            )
+            values: dict[str, Any] = {"axis": axis, "count": different.size, "limit": FEWEST}
+            raise InputError("lab.no_sweep" if different.size < 2 else "lab.short_sweep", where=where, **values)
         if different[0] >= 0.0 or different[-1] <= 0.0:
             raise InputError(
                 "lab.one_sided_sweep", where=where, axis=axis, low_rad_s=different[0], high_rad_s=different[-1]

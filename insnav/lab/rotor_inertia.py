@@ -12,6 +12,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -121,14 +122,9 @@ def inertia_from_fall(
     squared = time**2
     if (squared <= 2.0 * height / gravity).any():
         row = int(np.argmax(squared <= 2.0 * height / gravity))
-        raise InputError(
-            "lab.faster_than_free",
-            where=where,
-            row=row + 1,
-            height_m=height[row],
-            fall_s=time[row],
-            free_s=math.sqrt(2.0 * height[row] / gravity),
-        )
+        shown: dict[str, Any] = {"row": row + 1, "height_m": height[row], "fall_s": time[row]}
+        shown |= {"free_s": math.sqrt(2.0 * height[row] / gravity)}
+        raise InputError("lab.faster_than_free", where=where, **shown)
     fit = _slope(height, squared, where)
     lever = 0.5 * mass * gravity * radius**2
     value = float(fit.value[0]) * lever - mass * radius**2

@@ -87,9 +87,8 @@ def read(
 
 def _fixes_beside(imu: Any, inputs: Inputs) -> Reading[GpsData] | None:
     """Read fixes in the rows of the samples; None if most rows have new ones: a solution, usable with --gps."""
-    clock = {"time": (inputs.get("columns") or {}).get("time", "")}
-    if clock["time"] and not inputs.get("gps_columns"):
-        inputs = {**inputs, "gps_columns": clock}
+    clock = {key: header for key, header in (inputs.get("columns") or {}).items() if key == "time"}
+    inputs = {**inputs, "gps_columns": inputs.get("gps_columns") or clock}
     with suppress(InputError):  # no fixes were specified
         found = _read_gps(imu, inputs)
         return found if found.facts.n_used < MOST_FIXES * found.facts.n_rows else None
@@ -278,13 +277,8 @@ def _numbers(name: str, series: pd.Series[Any]) -> FloatArray:
         except (TypeError, ValueError):
             text.append(row)
     if text and np.isfinite(numbers).any():
-        raise InputError(
-            "session.not_a_number",
-            where=f"row {text[0] + 1}, column {plain_text(name)}",
-            value=plain_text(column[text[0]]),
-            count=len(text),
-            total=len(column),
-        )
+        values: dict[str, Any] = {"value": plain_text(column[text[0]]), "count": len(text), "total": len(column)}
+        raise InputError("session.not_a_number", where=f"row {text[0] + 1}, column {plain_text(name)}", **values)
     return numbers
 
 

@@ -142,13 +142,9 @@ def outage_begin(motion: Moving, after: float, begin: float | None) -> float:
     """
     longest = motion.truth.duration - after
     if longest < 0.0 or (begin is not None and not 0.0 <= begin <= longest + 1e-6):
-        raise ConfigError(
-            "require.motion_too_short",
-            where="--after" if begin is None else "--begin",
-            after_s=after,
-            begin_s=np.nan if begin is None else begin,
-            duration_s=motion.truth.duration,
-        )
+        values: dict[str, Any] = {"after_s": after, "begin_s": np.nan if begin is None else begin}
+        values |= {"duration_s": motion.truth.duration}
+        raise ConfigError("require.motion_too_short", where="--after" if begin is None else "--begin", **values)
     return begin if begin is not None else min(max(BEFORE, first_movement(motion.truth)), longest)
 
 

@@ -342,13 +342,9 @@ def simulate_recording(
         before = samples, fixes
         samples, fixes = fault.apply(samples, fixes, truth.start)
         if _same(before[0], samples) and _same(before[1], fixes):
-            raise ConfigError(
-                "sim.fault_without_effect",
-                where="--fault",
-                verb=fault.verb,
-                begin_s=max(fault.begin, 0.0),
-                duration_s=truth.duration,
-            )
+            values: dict[str, Any] = {"verb": fault.verb, "begin_s": max(fault.begin, 0.0)}
+            values |= {"duration_s": truth.duration}
+            raise ConfigError("sim.fault_without_effect", where="--fault", **values)
     return Recording(samples, fixes, reference(truth, times(truth, REFERENCE_RATE)), errors, lever_b)
 
 

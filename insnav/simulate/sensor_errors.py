@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -334,13 +335,9 @@ def corrupt_gps(gps: GpsData, errors: GpsErrors, seed: Seed) -> GpsData:
     velocity_sd = np.asarray(errors.velocity_noise, dtype=np.float64)
     sizes = np.concatenate([errors.position_sd, velocity_sd, [errors.correlation_time]])
     if not (np.all(np.isfinite(sizes)) and np.all(sizes > 0.0)):
-        raise ConfigError(
-            "sim.receiver_sizes",
-            where="gps",
-            position_sd_m=tuple(errors.position_sd.tolist()),
-            velocity_sd_m_s=tuple(velocity_sd.tolist()),
-            correlation_time_s=errors.correlation_time,
-        )
+        values: dict[str, Any] = {"position_sd_m": tuple(errors.position_sd.tolist())}
+        values |= {"velocity_sd_m_s": tuple(velocity_sd.tolist()), "correlation_time_s": errors.correlation_time}
+        raise ConfigError("sim.receiver_sizes", where="gps", **values)
     rng = np.random.default_rng(seed)
     shape = gps.lla.shape
     error_n = rng.standard_normal(shape) * errors.position_noise

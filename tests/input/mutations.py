@@ -2,8 +2,8 @@
 
 ``python -m tests.input.mutations [--count 200] [--seed 1] [--log LOG] [FORMAT ...]`` writes a simulated drive in each
 format, changes it at random (a digit, a range of bytes, the end, two columns), navigates it, and compares with the
-truth. *Silently wrong*: a result without a warning, with more than a tenth of its epochs outside 3 sd. ``--count 0 --log
-LOG --report reports/mutations.md`` makes the page of all that the log holds.
+truth. *Silently wrong*: a result without a warning, with more than a tenth of its epochs outside 3 sd.
+``--count 0 --log LOG --report reports/mutations.md`` makes the page of all that the log holds.
 """
 
 from __future__ import annotations
@@ -287,7 +287,7 @@ Version {version}; made by `python -m tests.input.mutations`, which explains the
 | --- | ---: | ---: | ---: | ---: | ---: | ---: |
 {lines}
 
-Silently wrong: {share:.2f} %. Largest memory of a process: {peak:.2f} GB.
+Silently wrong: {share:.2f} %. Largest memory of the processes with a record of it: {peak:.2f} GB.
 """
 
 

@@ -284,3 +284,13 @@ def test_numbers_that_stand_for_what_is_not_known_are_named(tmp_path, mark):
         return
     with refused(InputError, "input.placeholder"):
         _read(tmp_path, rows)
+
+
+@pytest.mark.parametrize("digits", ["0.302420", "222420.1", "332420.1"])
+def test_a_damaged_time_within_the_week_is_left_out(tmp_path, digits):
+    """One digit of an exponent deleted: the record began three days earlier, and its gap took 6 GB."""
+    rows = rolling(3000, start=302400.0)
+    rows[2000, 0] = float(digits)
+    reading = _read(tmp_path, rows)
+    assert Code.ROWS_STRAY in _codes(reading)
+    np.testing.assert_allclose(reading.data.time, np.delete(rows[:, 0], 2000), atol=1e-6)

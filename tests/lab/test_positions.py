@@ -72,7 +72,7 @@ def test_means_that_do_not_determine_the_triad_are_refused(tmp_path):
 
 
 def test_six_means_alone_give_their_faces_and_their_unit(tmp_path):
-    """Only the outputs, in any order: in each position one axis is vertical. The scale then is that of the same file."""
+    """Only the outputs, in any order: in each position one axis is vertical."""
     whole = table(tmp_path / "whole.csv", noise=1e-3)
     lines = [line.split(",") for line in whole.read_text().splitlines()]
     kept = [1, 4, 7]  # without the true ones and the scatter

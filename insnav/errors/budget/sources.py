@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from scipy.optimize import brentq
@@ -125,15 +125,9 @@ def _height_of(gravity: float, lat: float) -> float:
         return float(np.linalg.norm(gravity_n(lat, height))) - gravity
 
     if not excess(HIGHEST) < 0.0 < excess(-HIGHEST):
-        raise ConfigError(
-            "budget.impossible_gravity",
-            where="--gravity",
-            gravity_m_s2=gravity,
-            lat_deg=lat / DEG,
-            height_km=HIGHEST / 1e3,
-            low_m_s2=gravity + excess(HIGHEST),
-            high_m_s2=gravity + excess(-HIGHEST),
-        )
+        values: dict[str, Any] = {"gravity_m_s2": gravity, "lat_deg": lat / DEG, "height_km": HIGHEST / 1e3}
+        values |= {"low_m_s2": gravity + excess(HIGHEST), "high_m_s2": gravity + excess(-HIGHEST)}
+        raise ConfigError("budget.impossible_gravity", where="--gravity", **values)
     return float(brentq(excess, -HIGHEST, HIGHEST, xtol=1e-3))
 
 

@@ -262,17 +262,13 @@ def _samples(source: Source, log: Any, name: str, notes: list[Finding]) -> dict[
         types, span = [], float(np.ptp(time)) if len(time) > 1 else 0.0
         per_second = np.linalg.norm(counts[1:, 3:], axis=1).sum() / span if span > 0.0 else np.nan
         found = [each for each in _SCALES.values() if abs(per_second * each[2] / _GRAVITY - 1.0) < _TOLERANCE]
-        turned = turn_ratio(time, counts[:, :3], counts[:, 3:])[0] * float(np.median(np.diff(time))) if found else 0.0
+        step = float(np.median(np.diff(time))) if found else 0.0
+        turned = turn_ratio(time, counts[:, :3], counts[:, 3:])[0] * step if found else 0.0
         found = [each for each in found if not turned or 1.0 < MAX_TURN_RATIO * turned / each[1] < MAX_TURN_RATIO**2]
     if not found or len(types) > 1:
-        raise InputError(
-            "format.novatel_scale",
-            where=source.name,
-            message=name,
-            types=tuple(types),
-            counts_per_s=float(per_second),
-            known=tuple(f"{key} {each[0]}" for key, each in _SCALES.items()),
-        )
+        shown: dict[str, Any] = {"message": name, "types": tuple(types), "counts_per_s": float(per_second)}
+        shown |= {"known": tuple(f"{key} {each[0]}" for key, each in _SCALES.items())}
+        raise InputError("format.novatel_scale", where=source.name, **shown)
     tables = {}
     for angle, speed in dict.fromkeys(each[1:] for each in found):
         models = ", ".join(each[0] for each in found if each[1:] == (angle, speed))
@@ -280,10 +276,8 @@ def _samples(source: Source, log: Any, name: str, notes: list[Finding]) -> dict[
         note = Finding.of(Code.READ_IMU_MODEL, subject=name, model=models)
         if not stated:
             others = {scale / angle: model for model, scale, _ in reversed(_SCALES.values()) if scale != angle}
-            noise = (
-                np.median(np.diff(counts[:, :3], axis=0).std(axis=0)) * angle / np.sqrt(2.0 * np.median(np.diff(time)))
-            )
+            noise = angle * float(np.median(np.diff(counts[:, :3], axis=0).std(axis=0)) / np.sqrt(2.0 * step))
             values: dict[str, Any] = {"model": models, "others": tuple(others.values()), "ratios": tuple(others)}
-            note = Finding.of(Code.READ_IMU_MODEL_BY_GRAVITY, subject=name, noise_rad_sqrt_s=float(noise), **values)
+            note = Finding.of(Code.READ_IMU_MODEL_BY_GRAVITY, subject=name, noise_rad_sqrt_s=noise, **values)
         tables[models] = column_table(source, columns, [note, *notes], row=name, axes="RFU")
     return {"imu" if len(tables) == 1 else f"imu:{key.partition(', ')[0]}": each for key, each in tables.items()}

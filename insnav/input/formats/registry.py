@@ -103,35 +103,21 @@ def choose_table(tables: Mapping[str, Table], part: str, topics: Collection[str]
         if len(there) == 1:
             return next(iter(there.values()))
         if there:
-            values: dict[str, Any] = {
-                "part": part,
-                "count": len(there),
-                "topics": tuple(there),
-                "topic": next(iter(there)),
-            }
             notes = of_code([note for table in there.values() for note in table.notes], Code.READ_IMU_MODEL_BY_GRAVITY)
-            noise = tuple(dict(note.values)["noise_rad_sqrt_s"] for note in notes)
-            if noise:
-                raise ConfigError("format.several_scales", where=where, noise_rad_sqrt_s=noise, **values)
-            raise ConfigError("format.several_sensors", where=where, **values)
+            noise, topics = tuple(dict(note.values)["noise_rad_sqrt_s"] for note in notes), tuple(there)
+            values: dict[str, Any] = {"part": part, "count": len(there), "topics": topics, "topic": topics[0]}
+            if not noise:
+                raise ConfigError("format.several_sensors", where=where, **values)
+            raise ConfigError("format.several_scales", where=where, noise_rad_sqrt_s=noise, **values)
     found = tuple(sorted({key.partition(":")[0] for key in tables}))
     format_name = next((table.format for table in tables.values()), "")
     if part == "imu":
-        raise InputError(
-            "format.fixes_for_samples" if "gps" in tables else "format.no_samples",
-            where=where,
-            format=format_name,
-            found=found,
-            unusable=next((table.unusable for table in tables.values() if table.unusable), ()),
-        )
+        shown: dict[str, Any] = {"format": format_name, "found": found}
+        shown |= {"unusable": next((table.unusable for table in tables.values() if table.unusable), ())}
+        raise InputError("format.fixes_for_samples" if "gps" in tables else "format.no_samples", where=where, **shown)
     is_reference = part == "gps" and "reference" in tables
-    raise InputError(
-        "format.reference_for_fixes" if is_reference else "format.lacks_part",
-        where=where,
-        part=part,
-        format=format_name,
-        found=found,
-    )
+    shown = {"part": part, "format": format_name, "found": found}
+    raise InputError("format.reference_for_fixes" if is_reference else "format.lacks_part", where=where, **shown)
 
 
 def suffixes() -> tuple[str, ...]:
@@ -147,11 +133,6 @@ def _folder(folder: Source) -> InputError:
         return InputError("format.empty_archive", where=folder.name)
     if "run.json" in folder.members:
         return InputError("format.result_folder", where=folder.name, folder=folder.name)
-    return InputError(
-        "format.folder_of_data" if names else "format.folder_without_data",
-        where=folder.name,
-        kind="folder" if folder.path else "archive",
-        count=len(folder.members),
-        shown=shown,
-        folder=folder.name,
-    )
+    values: dict[str, Any] = {"kind": "folder" if folder.path else "archive", "count": len(folder.members)}
+    values |= {"shown": shown, "folder": folder.name}
+    return InputError("format.folder_of_data" if names else "format.folder_without_data", where=folder.name, **values)

@@ -146,18 +146,21 @@ def _longest_step(interval: float, kinds: Kinds) -> float:
 
 
 def _stray(time: FloatArray) -> BoolArray:
-    """Find rows of another day or week, if they are few and all others share one day.
+    """Find few damaged times: among rows in order, outside their span; or of another day, if all others share one.
 
-    A weekly clock rollover stays within it.
+    A weekly clock rollover stays within a week, and has no earlier rows after it.
     """
-    none = np.zeros(len(time), dtype=np.bool_)
     known = np.isfinite(time)
-    some = time if known.all() else time[known]
-    if not len(some) or (some.min() >= 0.0 and some.max() <= 7.0 * _DAY):
-        return none
-    far = known & (np.abs(time - np.median(some)) > _DAY)
+    if not known.any():
+        return known
+    away = np.abs(time - np.median(time[known]))
+    far = known & (away > 4.0 * np.median(away[known]))  # evenly spaced rows have a quarter of their span
+    near = np.flatnonzero(known & ~far)
+    far[: near[0]] = far[near[-1] :] = False
+    if not far.any() and (time[known].min() < 0.0 or time[known].max() > 7.0 * _DAY):
+        far = known & (away > _DAY)
     few = 0 < np.count_nonzero(far) <= min(_FEW_STRAY, 0.1 * len(time))
-    return np.asarray(far) if few and float(np.ptp(time[known & ~far])) < _DAY else none
+    return far if few and float(np.ptp(time[known & ~far])) < _DAY else np.zeros_like(known)
 
 
 def _too_few(used: int, read: int, kinds: Kinds, name: str, lacking: str = "") -> InputError:

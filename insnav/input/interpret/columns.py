@@ -33,8 +33,7 @@ _MEANT = {
     **dict.fromkeys(("utcnano", "logmonotime"), "time (ns)"),
 }
 _NO_UNIT = re.compile("wgs84|txt|x[0-9a-f]{4}")  # in brackets, but no unit, such as a message number
-# before a name: the topic of a path, as of PlotJuggler, or a device with its serial number or a colon, as of
-# SensorConnect and DatCon
+# before a name: the topic of a path (PlotJuggler); a device with its serial number (SensorConnect) or a colon (DatCon)
 _DEVICE = re.compile(r"^(?:/[^/]+(?=/.)|/|.*(?:\d{4,}[._:/ -]+|:)(?=[A-Za-z]))")
 _CHIP = re.compile(r"(?i).+\b(accelerometer|gyroscope)(?: (?!uncal)[^.]*)?[.]([xyz])")  # sensors of Android
 _NAMED = 3  # quantities besides the time that identify a header line

@@ -47,11 +47,9 @@ _VECTOR = re.compile(r"(?P<name>[A-Za-z ]+?) *(?:\((?P<axes>[xyz](?:,[xyz]){0,2}
 _STAMP = {0: "stamp.secs", 1: "stamp.nsecs"}
 # number of fields of sensor_msgs/Imu and sensor_msgs/NavSatFix -> number and name of those read
 _ECHOED = {
-    40: _STAMP
-    | {at + i: f"{name}_{axis}" for at, name in ((16, "gyro"), (28, "accel")) for i, axis in enumerate("xyz")},
+    40: _STAMP | {at + i: f"{key}_{'xyz'[i]}" for at, key in ((16, "gyro"), (28, "accel")) for i in range(3)},
     18: _STAMP
-    | {3: "status.status", 5: "lat", 6: "lon", 7: "height"}
-    | {8 + i: f"position_covariance[{i}]" for i in (0, 4, 8)},
+    | {3: "status.status", 5: "lat", 6: "lon", 7: "height", **{8 + i: f"covariance[{i}]" for i in (0, 4, 8)}},
 }
 _EARTH = 6.33e6, 6.48e6  # distances from the Earth's centre, up to 100 km height [m]
 _SHARE = 0.9  # share of the rows with such positions

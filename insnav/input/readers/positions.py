@@ -96,15 +96,7 @@ def read_gps(
 def read_reference(path: str | Path | Table, *, columns: Mapping[str, str] | None = None) -> Reading[Trajectory]:
     """Read a reference: position, and velocity and attitude if present; see `read_gps`.
 
-    Returns
-    -------
-    Reading of Trajectory
-        With `fix` if the file has fix types.
-
-    Raises
-    ------
-    InputError
-        The file cannot be used.
+    Returns: with `fix` if the file has fix types. Raises: InputError: the file cannot be used.
     """
     reading = read_positions(path, "reference", REFERENCE_SCHEMA, REFERENCE_KINDS, columns=columns)
     read = reading.data

@@ -16,7 +16,7 @@ import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import cast
+from typing import Any, cast
 
 import numpy as np
 
@@ -166,12 +166,9 @@ def _refuse_positions(force: FloatArray, accel: Triad, g: float) -> None:
         axis = int(np.argmax(np.abs(ideal)))
         across = float(np.linalg.norm(np.delete(felt, axis)))
         if felt[axis] * ideal[axis] < 0.0 or across > OFF_AXIS:
-            raise InputError(
-                "lab.section_pose",
-                section=name,
-                pose=f"{name[0]} {'up' if name.endswith('p') else 'down'}",
-                force=tuple(felt.tolist()),
-            )
+            values: dict[str, Any] = {"section": name, "pose": f"{name[0]} {'up' if name.endswith('p') else 'down'}"}
+            values |= {"force": tuple(felt.tolist())}
+            raise InputError("lab.section_pose", **values)
 
 
 def _refuse_turns(integral: FloatArray, turn: float, counts: bool) -> None:

@@ -13,6 +13,7 @@ from __future__ import annotations
 import itertools
 from dataclasses import dataclass, field
 from functools import partial
+from typing import Any
 
 import numpy as np
 from scipy.optimize import least_squares
@@ -224,13 +225,9 @@ def fit_gravity_norm(force: FloatArray, g: float, start: Triad) -> GravityFit:
 def _refuse_singular(determined: Normal, g: float) -> None:
     if determined.condition < WORST_CONDITION:
         return
-    raise InputError(
-        "lab.poses_undetermined",
-        parameters=tuple(NAMES[i] for i in determined.weak),
-        condition=determined.condition,
-        limit=WORST_CONDITION,
-        pose=missing_pose(determined, g),
-    )
+    values: dict[str, Any] = {"parameters": tuple(NAMES[i] for i in determined.weak), "condition": determined.condition}
+    values |= {"limit": WORST_CONDITION, "pose": missing_pose(determined, g)}
+    raise InputError("lab.poses_undetermined", **values)
 
 
 def missing_pose(determined: Normal, g: float) -> tuple[str, ...]:

@@ -64,36 +64,31 @@ def holds_positions(file: str | Path | Table) -> bool:
 
 
 def _completed(file: str | Path | Table, columns: Mapping[str, str] | None) -> Table:
-    """Add what gravity shows: units of specific forces without one, and true forces of the six faces.
+    """Add units of specific forces, and the true forces of six faces, by gravity if the file lacks them.
 
     In each position one axis is vertical: its output is the farthest from the middle of its range, of all three.
     """
     table = open_table(file)
     found, _ = understand(table.headers, table.units, POSITIONS, columns=columns, where=table.name)
-    units = [*(table.units or [""] * len(table.headers))]
-    there = {keys: [found[key] for key in keys if key in found] for keys in (_TRUE, _OUTPUTS)}
-    read = {keys: table.cells.read([each.index for each in triad]).columns for keys, triad in there.items()}
-    values = {keys: np.array([read[keys][each.index] for each in triad]).T for keys, triad in there.items()}
-    for keys, triad in there.items():
-        if len(triad) == 3 and not any(each.unit for each in triad):
-            norm = float(np.median(np.linalg.norm(values[keys], axis=1)))
+    units, values = [*(table.units or [""] * len(table.headers))], list[FloatArray]()
+    for keys in (_TRUE, _OUTPUTS):
+        own = [found[key].index for key in keys if key in found]
+        values.append(np.column_stack([*table.cells.read(own).columns.values()] or [np.empty(0)]))
+        if len(own) == 3 and not any(found[key].unit for key in keys):
+            norm = float(np.median(np.linalg.norm(values[-1], axis=1)))
             fits = [unit for unit in ("g", "m/s^2") if abs(norm * UNITS[unit][1] / G0 - 1.0) < UNCALIBRATED]
-            for each in triad:
-                units[each.index] = (fits or [""])[0]
-    table, output = replace(table, units=tuple(units)), values[_OUTPUTS]
-    if there[_TRUE] or len(there[_OUTPUTS]) < 3:
-        return table
+            units = [fits[0] if fits and i in own else unit for i, unit in enumerate(units)]
+    true, output = values
+    if true.size or len(own) < 3:
+        return replace(table, units=tuple(units))
     away = output - 0.5 * (output.max(axis=0) + output.min(axis=0))
     away /= np.maximum(np.abs(away).max(axis=0), 1e-300)
-    rows, axis = np.arange(len(away)), np.abs(away).argmax(axis=1)
-    force = np.zeros_like(output)
-    force[rows, axis] = np.sign(away[rows, axis])
+    force = np.sign(away) * (np.abs(away) == np.abs(away).max(axis=1, keepdims=True))
     if len(np.unique(force, axis=0)) < FEWEST:
-        return table
-    headers, own = tuple(f"{key}_g" for key in _TRUE), [each.index for each in there[_OUTPUTS]]
-    cells = ArrayCells((*np.ascontiguousarray(force.T), *output.T.copy()), table.cells.line)
-    units = ["", "", "", *(units[i] for i in own)]
-    return replace(table, headers=(*headers, *(table.headers[i] for i in own)), units=tuple(units), cells=cells)
+        return replace(table, units=tuple(units))
+    headers = *(f"{key}_g" for key in _TRUE), *(table.headers[i] for i in own)
+    cells = ArrayCells(tuple(np.ascontiguousarray(np.hstack([force, output]).T)), table.cells.line)
+    return replace(table, headers=headers, units=("", "", "", *(units[i] for i in own)), cells=cells)
 
 
 def read_positions(file: str | Path | Table, how: BenchOptions) -> Positions:
