@@ -33,12 +33,12 @@ from insnav.units import DEG
 WINDOW = 8.0  # longer, gyro drift dominates; shorter, there are too few velocity changes [s]
 STEP = 1.0  # of GPS velocity: shorter steps are noise [s]
 NOISY, LONGEST = 3.0, 3.0  # factor on both per m/s of noise, and its maximum
-PLACED, LONGEST_PLACED = 2.0, 5.0  # windows of positions, factor per root of a metre: change grows as time squared
+PLACED, LONGEST_PLACED = 2.0, 4.0  # windows of positions, factor per root of a metre; the longest show tilts
 BASE = 4.0  # for the course by positions [s]
 OVERLAP = 2  # windows that contain each second
 MOST = 200  # windows with the largest accelerations
 FEWEST = 5  # windows for an estimate
-LONG, SHARE = 32.0, 0.1  # windows that show tilts [s]; acceleration error, by slip, scale factors and lever arm [-]
+SHARE = 0.1  # error of accelerations, by slip, scale factors and lever arm [-]
 LIVELY = 0.3  # RMS acceleration of a useful window [m/s^2]
 TURN = np.deg2rad(25.0)  # course change of a turning window
 SUDDEN = 15.0  # no vehicle accelerates more: the velocities are false [m/s^2]
@@ -69,11 +69,11 @@ OTHER_UNITS: list[Units] = [
 # [rad/s]
 FASTEST, HARDLY = 12.0, np.deg2rad(1.0)
 MISSED = 1.2  # factor on the residuals without one gyro: below it, that gyro may have a temporary fault
-# share of the noise difference that gyros in correct units keep; residual ratio if they hardly turn
+# share of the noise difference that gyros in correct units keep; ratio of residuals from which there is no gain
 NOISE_TELLS, CLOSER = 0.5, 0.99
 _ORDERS: list[Order] = [(1, 0, 2), (0, 2, 1), (1, 2, 0), (2, 0, 1), (2, 1, 0)]
 AS_IS: Axes = (AS_GIVEN, False, IN_ORDER)
-ROUNDS, SETTLED = 10, 0.999  # of Gauss-Newton at most; ratio of successive misfits that ends the iteration
+ROUNDS = 10  # of Gauss-Newton at most
 NUDGE = np.diag([1e-3, 1e-3, 1e-3, 0.02, 0.02, 0.02, 0.02])  # steps of its derivatives [rad/s], [m/s^2], [s]
 LARGEST_BIAS = 0.1  # of gyros that can be used [rad/s]
 # prior sd of gyro bias [rad/s], accelerometer bias [m/s^2] and delay [s]. A bias rotates the accelerations of every
@@ -163,7 +163,7 @@ def _find(parts: Intervals, gps: GpsData, *, placed: bool) -> Mounting | None:
     still = np.append(summarize(parts, *rest).rate if rest is not None else np.zeros(3), np.zeros(4))
     still_sd = np.repeat([AT_ALL if rest is None else AT_REST, FORCE_SD, DELAY_SD], [3, 3, 1])
     parts = joined([parts])
-    tilting = _Windows.of(parts, gps, placed=placed, length=LONG) or windows
+    tilting = _Windows.of(parts, gps, placed=placed, tilts=True) or windows
 
     def changed(order: Order, units: Units) -> tuple[Intervals, FloatArray]:
         """Return the samples with other gyros, and their prior."""
@@ -296,7 +296,7 @@ def _refined(
         other, other_left = fitted(at + change)
         if np.abs(change[:3]).max() > LARGEST_BIAS or other.misfit >= found.misfit:
             break
-        settled = other.misfit > SETTLED * found.misfit
+        settled = other.misfit > CLOSER * found.misfit
         at, found, left = at + change, other, other_left
         if settled:
             break
@@ -326,8 +326,8 @@ class _Windows:
         return _Windows(times, compared, change, self.strength[rows], self.turned[rows], self.lla, self.placed)
 
     @classmethod
-    def of(cls, parts: Intervals, gps: GpsData, *, placed: bool, length: float = 0.0) -> _Windows | None:
-        """Select the windows of largest acceleration, or all of a `length` [s], if there are enough."""
+    def of(cls, parts: Intervals, gps: GpsData, *, placed: bool, tilts: bool = False) -> _Windows | None:
+        """Select the windows of largest acceleration, or all the longest ones for tilts, if there are enough."""
         speed, lla = velocity(gps, BASE), gps.lla[0]
         time = gps.time if placed else speed.time
         inside = (time > parts.end[0]) & (time < parts.end[-1])
@@ -341,8 +341,8 @@ class _Windows:
         seconds = STEP * longer
         if placed:
             longer, seconds = float(np.clip(PLACED * np.sqrt(np.median(noise)), 1.0, LONGEST_PLACED)), STEP
-        if length:
-            longer, seconds = length / WINDOW, STEP
+        if tilts:
+            longer, seconds = LONGEST_PLACED, STEP
         step = max(1, round(seconds / max(float(np.median(np.diff(time))), 1e-3)))
         time, v_n, sd, value, noise = (each[::step] for each in (time, v_n, sd, value, noise))
         rows = max(3 + placed, round(longer * WINDOW / max(float(np.median(np.diff(time))), 1e-3)))
@@ -354,7 +354,7 @@ class _Windows:
         use = np.flatnonzero(fast & ~sudden & (since[:, -1] <= 2.0 * longer * WINDOW))
         some, since, v, least = some[use], since[use], v[use], least[use]
         compared, unit = np.broadcast_to(np.diff(np.eye(rows + 1), axis=0), (use.size, rows, rows + 1)), since
-        if placed or length:
+        if placed or tilts:
             steady = np.stack([np.ones_like(since), since], axis=-1)[..., : 1 + placed]
             compared = np.swapaxes(np.linalg.qr(steady, mode="complete")[0][..., 1 + placed :], 1, 2)
             unit = 0.5 * since**2 if placed else since
@@ -366,10 +366,10 @@ class _Windows:
         change = compared @ (value[some] - gravity_n(lla[0], lla[2]) * unit) @ _about_down(course)
         turned = np.asarray(wrap_pi(np.arctan2(end[:, 1], end[:, 0]) - course))
         turned[np.hypot(end[:, 0], end[:, 1]) <= least] = 0.0  # the course of a stopped vehicle is noise
-        if length:  # noise counts as much as the errors
+        if tilts:  # noise counts as much as the errors
             power = np.maximum(power, 0.0) + floor / SHARE**2
         windows = cls(time[some], compared, change, power, turned, lla, placed)
-        if length:
+        if tilts:
             return windows if len(turned) >= OVERLAP * FEWEST else None
         windows = windows._rows(np.flatnonzero(power >= LIVELY**2 * np.sum((compared @ unit) ** 2, axis=(1, 2))))
         if windows.strength.size < FEWEST * (1 if windows.bends >= OVERLAP else OVERLAP):
