@@ -185,7 +185,7 @@ def _find(parts: Intervals, gps: GpsData, *, placed: bool) -> Mounting | None:
         return _refined(tilting, other, (at, before, still_sd), found.gyro_signs, mirrored=found.mirrored)[2]
 
     def better(some: list[Axes]) -> list[tuple[Mounting, FloatArray]]:
-        """Return those of some axes that surely fit better than the given ones."""
+        """Select the axes with a significantly better fit than the given ones."""
         ones = [(one, tilted(one, at)) for one, at, _ in map(refined, some)]
         return [each for each in ones if _fits_better(each[1], given)]
 

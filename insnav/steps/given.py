@@ -339,7 +339,7 @@ def refusal(mounting: Mounting, facts: ReadingFacts) -> InputError:
 
 
 def _headers(keys: Mapping[str, str], facts: ReadingFacts | None) -> dict[str, str]:
-    """Return the header for each key: that of another key in the file, if all are known."""
+    """Return the headers of other keys for each key, if all are known."""
     columns = {} if facts is None else {name: text.split(" [")[0] for name, text in facts.columns.items()}
     known = {key: [text for name, text in columns.items() if name.startswith(keys[key])] for key in keys}
     return {key: texts[0] for key, texts in known.items()} if all(known.values()) else {}
