@@ -5,9 +5,10 @@ must equal the changes of GPS velocity minus gravity (compare Wu and Pan, "Veloc
 application to in-flight coarse alignment", IEEE Trans. AES 49 (2013) 1006-1023). Twice integrated, they must equal
 position changes from a free place and velocity. The rotation between the two sets of vectors (Wahba, "A least squares
 estimate of satellite attitude", SIAM Review 7 (1965) 409; Markley, J. Astronautical Sciences 36 (1988) 245-258: by
-singular values) is the IMU attitude, from the data alone. Relative to the course over ground it is the mounting. If a
-reflection, or gyros of other signs, fit far better, the axes are left-handed. If other gyro orders or units fit, the
-columns are mixed up.
+singular values) is the IMU attitude, from the data alone. Relative to the course over ground it is the mounting.
+
+Over half a minute, gravity shows tilts of a degree: it must turn in the body as the gyros measure. Of all orders and
+signs of the gyros, and of a reflection, some may fit every part of the drive better. Then the columns are mixed up.
 """
 
 from __future__ import annotations
@@ -32,20 +33,21 @@ from insnav.units import DEG
 WINDOW = 8.0  # longer, gyro drift dominates; shorter, there are too few velocity changes [s]
 STEP = 1.0  # of GPS velocity: shorter steps are noise [s]
 NOISY, LONGEST = 3.0, 3.0  # factor on both per m/s of noise, and its maximum
-PLACED, LONGEST_PLACED = 2.0, 5.0  # windows of positions, factor per root of a metre: change grows as time squared
+PLACED, LONGEST_PLACED = 2.0, 4.0  # windows of positions, factor per root of a metre; the longest show tilts
 BASE = 4.0  # for the course by positions [s]
 OVERLAP = 2  # windows that contain each second
 MOST = 200  # windows with the largest accelerations
 FEWEST = 5  # windows for an estimate
+SHARE = 0.1  # error of accelerations, by slip, scale factors and lever arm [-]
 LIVELY = 0.3  # RMS acceleration of a useful window [m/s^2]
 TURN = np.deg2rad(25.0)  # course change of a turning window
-TELLING = 30  # turning and straight windows used for the signs of the gyros
 SUDDEN = 15.0  # no vehicle accelerates more: the velocities are false [m/s^2]
 SCATTER = np.deg2rad(8.0)  # standard deviation of the yaw beyond which there is no result
-# other signs must leave less than this share of the residuals, at first, and with bias and delay
-TRIED, HANDED = 0.75, 0.6
+# other axes, or units, must leave less than this share of the residuals; axes also by sd of the windows
+HANDED, SURE = 0.75, 2.0
+TRIED = 24  # other axes tested with bias and delay
 ALIKE = 1.1  # similar residuals, relative to the least: among such signs the fewest changes are chosen
-FITS = 0.4  # share of unexplained accelerations that permits other signs; in level aircraft turns both fit [-]
+FITS = 0.4  # share of unexplained accelerations that permits other units [-]
 SURE_SD = np.deg2rad(1.0)  # lower limit of the yaw sd, by slip and scale factors [rad]
 MISFIT = 0.6  # largest unexplained share of the accelerations
 Signs = tuple[int, int, int]
@@ -53,11 +55,7 @@ SIGNS: list[Signs] = [(x, y, z) for x in (1, -1) for y in (1, -1) for z in (1, -
 AS_GIVEN = SIGNS[0]
 Order = tuple[int, int, int]
 IN_ORDER: Order = (0, 1, 2)
-# Gyro orders, and accelerometers with two axes exchanged, a reflection. On level roads x and y hardly turn: their
-# exchange may go undetected.
-_ORDERS: list[Order] = [(0, 2, 1), (1, 2, 0), (2, 0, 1), (2, 1, 0)]
-EXCHANGED: list[tuple[Signs, bool, Order]] = [(AS_GIVEN, False, order) for order in _ORDERS]
-EXCHANGED += [((-1, -1, -1), True, order) for order in (_ORDERS[0], _ORDERS[-1])]
+Axes = tuple[Signs, bool, Order]  # of gyros, with left-handed accelerometers or not
 # factors that convert gyros to one unit, if one of three or all have another unit
 Units = tuple[float, ...]
 ALL_ALIKE: Units = (1.0, 1.0, 1.0)
@@ -71,10 +69,11 @@ OTHER_UNITS: list[Units] = [
 # that were read as degrees [rad/s].
 FASTEST, HARDLY = 12.0, np.deg2rad(1.0)
 MISSED = 1.2  # factor on the residuals without one gyro: below it, that gyro may have a temporary fault
-# share of the noise difference that gyros in correct units keep; residual ratio if they hardly turn
+# share of the noise difference that gyros in correct units keep; ratio of residuals from which there is no gain
 NOISE_TELLS, CLOSER = 0.5, 0.99
-AS_IS: tuple[Signs, bool, Order] = (AS_GIVEN, False, IN_ORDER)
-ROUNDS, SETTLED = 10, 0.999  # of Gauss-Newton at most; ratio of successive misfits that ends the iteration
+_ORDERS: list[Order] = [(1, 0, 2), (0, 2, 1), (1, 2, 0), (2, 0, 1), (2, 1, 0)]
+AS_IS: Axes = (AS_GIVEN, False, IN_ORDER)
+ROUNDS = 10  # of Gauss-Newton at most
 NUDGE = np.diag([1e-3, 1e-3, 1e-3, 0.02, 0.02, 0.02, 0.02])  # steps of its derivatives [rad/s], [m/s^2], [s]
 LARGEST_BIAS = 0.1  # of gyros that can be used [rad/s]
 # prior sd of gyro bias [rad/s], accelerometer bias [m/s^2] and delay [s]. A bias rotates the accelerations of every
@@ -82,14 +81,18 @@ LARGEST_BIAS = 0.1  # of gyros that can be used [rad/s]
 # flight
 AT_REST, AT_ALL, FORCE_SD, DELAY_SD = np.deg2rad(0.1), np.deg2rad(0.5), 0.2, 1.0
 _DIRECTIONS = dict(zip("FBRLDU", np.repeat(np.eye(3), 2, axis=0) * np.tile([1.0, -1.0], 3)[:, None], strict=True))
-_OPPOSITE = dict(zip("FBRLDU", "BFLRUD", strict=True))
-_USUAL = ("FRD", "FLU")  # usual axes of IMUs
 # right-handed and left-handed sets of axes by their letters
 _SETS: tuple[list[tuple[str, FloatArray]], list[tuple[str, FloatArray]]] = ([], [])
 for _letters in itertools.permutations(_DIRECTIONS, 3):
     _matrix = np.array([_DIRECTIONS[each] for each in _letters]).T
     if (_size := float(np.linalg.det(_matrix))) != 0.0:
         _SETS[_size < 0.0].append(("".join(_letters), _matrix))
+
+
+def _changes(matrix: FloatArray) -> int:
+    """Count changed signs, all together as one, and exchanged columns."""
+    signs, away = int(np.sum(matrix < 0.0)), int(np.sum(np.diag(matrix) == 0.0))
+    return (0, 1, 2, 1)[signs] + max(0, away - 1)
 
 
 def letters_of(to_vehicle: FloatArray, *, mirrored: bool = False) -> str:
@@ -122,20 +125,19 @@ class Mounting:
         return np.asarray(wrap_pi(angles))
 
     @property
-    def inverted(self) -> list[str]:
-        """List the axes whose gyros turn the wrong way relative to the accelerometers.
+    def corrections(self) -> tuple[FloatArray, FloatArray]:
+        """Matrices (3, 3) with the fewest changes of columns, for accelerometers and gyros, to right-handed axes."""
+        used = np.eye(3)[list(self.gyro_order)] * np.array(self.gyro_signs)[:, None]
+        # a reflected vector turns the other way
+        pairs = [(each.T, (-1.0 if self.mirrored else 1.0) * each.T @ used) for _, each in _SETS[self.mirrored]]
+        return min(pairs, key=lambda pair: _changes(pair[0]) + _changes(pair[1]))
 
-        If one accelerometer is inverted, and its gyro is not, that axis is listed.
-        """
-        return [axis for axis, sign in zip("xyz", self.gyro_signs, strict=True) if (sign < 0) != self.mirrored]
-
-    @property
-    def changes(self) -> int:
-        """Least number of changed signs; the sign of all three accelerometers is one convention, as of iOS."""
-        if self.mirrored and len(self.inverted) == 1:
-            at = "xyz".index(self.inverted[0])
-            return 1 if self.letters[:at] + _OPPOSITE[self.letters[at]] + self.letters[at + 1 :] in _USUAL else 4
-        return {0: 2, 3: 1}.get(len(self.inverted), 4) if self.mirrored else len(self.inverted)
+    def of_columns(self, axes: FloatArray) -> Mounting:
+        """Return the mounting of the columns, before their rotation by `axes` (3, 3) of signs alone."""
+        used = axes.T @ (np.eye(3)[list(self.gyro_order)] * np.array(self.gyro_signs)[:, None]) @ axes
+        x, y, z = (int(at) for at in np.abs(used).argmax(axis=1))
+        a, b, c = (1 if size > 0.0 else -1 for size in used.sum(axis=1))
+        return replace(self, to_vehicle=self.to_vehicle @ axes, gyro_order=(x, y, z), gyro_signs=(a, b, c))
 
     @property
     def right_handed(self) -> bool:
@@ -160,52 +162,77 @@ def _find(parts: Intervals, gps: GpsData, *, placed: bool) -> Mounting | None:
     rest = stationary_of(parts, gps)
     still = np.append(summarize(parts, *rest).rate if rest is not None else np.zeros(3), np.zeros(4))
     still_sd = np.repeat([AT_ALL if rest is None else AT_REST, FORCE_SD, DELAY_SD], [3, 3, 1])
-    parts, telling = joined([parts]), windows.telling
-    signs, mirrored = AS_GIVEN, False
-    if telling.bends >= FEWEST:
-        felt = [_felt(telling, parts, still, other) for other in SIGNS]
-        tried = [
-            _fit(telling, *each, mirrored=way)[0] for each in zip(felt, SIGNS, strict=True) for way in (False, True)
-        ]
-        given, best = tried[0].misfit, min(each.misfit for each in tried)
-        if given > FITS and best < TRIED * given:  # a hardly turning axis, as x on level roads, fits with any sign
-            alike = [each for each in tried if each.misfit < ALIKE * best]
-            chosen = min(alike, key=lambda each: (each.changes, each.misfit))
-            signs, mirrored = chosen.gyro_signs, chosen.mirrored
+    parts = joined([parts])
+    tilting = _Windows.of(parts, gps, placed=placed, tilts=True) or windows
 
-    def refined(
-        signs: Signs, mirrored: bool, order: Order = IN_ORDER, units: Units = ALL_ALIKE
-    ) -> tuple[Mounting, float]:
-        """Estimate the mounting by all windows; return also the residuals of the selected windows."""
-        before, changed = still.copy(), parts
-        if order != IN_ORDER or units != ALL_ALIKE:
-            before[:3] = (still[:3] * units)[list(order)]
-            changed = replace(parts, gyro=np.ascontiguousarray((parts.gyro * units)[:, order]))
-        at, sd, left = _refined(telling, changed, (before, still_sd), signs, mirrored=mirrored)
-        found = _fit(windows, _felt(windows, changed, at, signs), signs, mirrored=mirrored)[0]
+    def changed(order: Order, units: Units) -> tuple[Intervals, FloatArray]:
+        """Return the samples with other gyros, and their prior."""
+        before = np.append((still[:3] * units)[list(order)], still[3:])
+        return replace(parts, gyro=np.ascontiguousarray((parts.gyro * units)[:, order])), before
+
+    def refined(axes: Axes, units: Units = ALL_ALIKE) -> tuple[Mounting, FloatArray, float]:
+        """Estimate the mounting by all windows, biases and delay; return also the misfit with these."""
+        signs, mirrored, order = axes
+        other, before = changed(order, units)
+        at, sd, squares = _refined(windows, other, (before, before, still_sd), signs, mirrored=mirrored)
+        found = _fit(windows, _felt(windows, other, at, signs), signs, mirrored=mirrored)[0]
         found = replace(found, sd=float(np.hypot(found.sd, sd)), gyro_order=order, gyro_units=units)
-        return found, left
+        return found, at, _share(squares)
 
-    found, left = refined(signs, mirrored)
-    if not found.right_handed:  # bias and delay do not explain the drive in these axes, either
-        plain, as_given = refined(AS_GIVEN, mirrored=False)
-        found, left = (plain, as_given) if as_given <= FITS or left >= HANDED * as_given else (found, left)
-    if telling.bends >= FEWEST:
-        found = _mixed_up(found, left, parts.gyro / parts.dt[:, None], refined)
+    def tilted(found: Mounting, at: FloatArray) -> FloatArray:
+        """Return the squared residuals of long windows, (w,)."""
+        other, before = changed(found.gyro_order, ALL_ALIKE)
+        return _refined(tilting, other, (at, before, still_sd), found.gyro_signs, mirrored=found.mirrored)[2]
+
+    def better(some: list[Axes]) -> list[tuple[Mounting, FloatArray]]:
+        """Select the axes with a significantly better fit than the given ones."""
+        ones = [(one, tilted(one, at)) for one, at, _ in map(refined, some)]
+        return [each for each in ones if _fits_better(each[1], given)]
+
+    found, at, left = refined(AS_IS)
+    given, at_first = tilted(found, at), dict[Axes, float]()
+    if windows.bends >= FEWEST:
+        for order in [IN_ORDER, *_ORDERS]:
+            other, before = changed(order, ALL_ALIKE)
+            for signs in SIGNS:
+                felt = _felt(tilting, other, before, signs)
+                for mirrored in (False, True):
+                    at_first[signs, mirrored, order] = _fit(tilting, felt, signs, mirrored=mirrored)[0].misfit
+        likely = sorted((each for each in at_first if each != AS_IS), key=at_first.__getitem__)[:TRIED]
+        nearer = [each for each in likely if at_first[each] < at_first[AS_IS]]
+        tried = better(nearer)
+        tried += better([each for each in likely if each not in nearer]) if tried else []
+        least = min((_share(squares) for _, squares in tried), default=0.0)
+        # an axis that hardly turns, as x on level roads, fits with any sign
+        alike = [each for each in tried if _share(each[1]) <= ALIKE * least]
+        if alike:
+            found = min(alike, key=lambda each: (sum(map(_changes, each[0].corrections)), _share(each[1])))[0]
+        else:
+            found = _in_other_units(found, left, parts.gyro / parts.dt[:, None], lambda units: refined(AS_IS, units))
     least = MISFIT if found.windows >= OVERLAP * FEWEST else FITS  # few windows fit by chance more easily
     return found if found.misfit < least and found.sd < SCATTER else None
 
 
-def _mixed_up(
-    found: Mounting, left: float, rates: FloatArray, refined: Callable[..., tuple[Mounting, float]]
-) -> Mounting:
-    """Test other gyro orders and units; return the mounting that fits, or `found`.
+def _share(squares: FloatArray) -> float:
+    """Return the unexplained share of the accelerations, of squared residuals of each window (w,)."""
+    return float(np.sqrt(np.mean(squares)))
 
-    `left`: residual of `found`. `rates` (n, 3): of the gyros [rad/s]. `refined`: fits other axes; also residuals.
+
+def _fits_better(other: FloatArray, given: FloatArray) -> bool:
+    """Return whether other axes surely fit better, by squared residuals (w,): in sum, and in independent windows."""
+    gain = np.log(given + 1e-12) - np.log(other + 1e-12)
+    sd = float(np.std(gain, ddof=1)) * np.sqrt(OVERLAP / gain.size)
+    return _share(other) < min(FITS, HANDED * _share(given)) and float(np.mean(gain)) > SURE * sd
+
+
+def _in_other_units(
+    found: Mounting, left: float, rates: FloatArray, refined: Callable[[Units], tuple[Mounting, FloatArray, float]]
+) -> Mounting:
+    """Test other units of the gyros; return the mounting that fits, or `found`.
+
+    `left`: residual of `found`. `rates` (n, 3): of the gyros [rad/s]. `refined`: fits other units; also residuals.
     """
     fits = left <= FITS
-    if fits and not found.right_handed:
-        return found
     fastest, up = np.quantile(np.abs(rates), 0.999, axis=0), int(np.argmax(np.abs(found.to_vehicle[2])))
 
     def small(units: Units) -> bool:
@@ -213,27 +240,21 @@ def _mixed_up(
         larger = np.array(units) > 1.0
         return min(units) == 1.0 and not larger[up] and bool((fastest[larger] < HARDLY).all())
 
-    others = [
-        (*AS_IS, units)
-        for units in OTHER_UNITS
-        if float(np.max(fastest * units)) < FASTEST and (not fits or small(units))
-    ]
-    if not fits:
-        others += [(*each, ALL_ALIKE) for each in EXCHANGED]
+    others = [units for units in OTHER_UNITS if float(np.max(fastest * units)) < FASTEST and (not fits or small(units))]
     if not others:
         return found
-    ones = [refined(*each) for each in others]
-    least = min(each[1] for each in ones)
+    ones = [refined(units) for units in others]
+    least = min(each[2] for each in ones)
     # prefer one common unit by the course: a hardly turning gyro fits any unit
-    other = min(ones, key=lambda each: (each[1] > ALIKE * least, len({*each[0].gyro_units}), each[1]))[0]
+    other = min(ones, key=lambda each: (each[2] > ALIKE * least, len({*each[0].gyro_units}), each[2]))[0]
     better, factor = least < min(FITS, HANDED * left), np.array(other.gyro_units)
     alike = _unlike(rates * factor) < NOISE_TELLS * _unlike(rates)
     if fits:
         return other if better or (alike and least < CLOSER * left) else found
     if np.ptp(factor) == 0.0:
-        better = better and other.gyro_units == ALL_ALIKE
-    elif better and not alike:
-        better = refined(*AS_IS, tuple(np.where(factor == factor.min(), 0.0, factor)))[1] > MISSED * least
+        return found
+    if better and not alike:
+        better = refined(tuple(np.where(factor == factor.min(), 0.0, factor)))[2] > MISSED * least
     return other if better else found
 
 
@@ -244,19 +265,23 @@ def _unlike(rates: FloatArray) -> float:
 
 
 def _refined(
-    windows: _Windows, parts: Intervals, before: tuple[FloatArray, FloatArray], signs: Signs, *, mirrored: bool
-) -> tuple[FloatArray, float, float]:
+    windows: _Windows,
+    parts: Intervals,
+    before: tuple[FloatArray, FloatArray, FloatArray],
+    signs: Signs,
+    *,
+    mirrored: bool,
+) -> tuple[FloatArray, float, FloatArray]:
     """Estimate biases [rad/s], [m/s^2] and the delay of the samples behind the velocities [s], by Gauss-Newton.
 
-    `before`: prior mean (7,) and standard deviation (7,). Returns the estimates, (7,), the yaw sd by their uncertainty
-    [rad], and the misfit.
+    `before`: first values, prior mean and standard deviation, each (7,). Returns the estimates, (7,), the yaw sd by
+    their uncertainty [rad], and the squared residuals of each window, (w,).
     """
 
     def fitted(at: FloatArray) -> tuple[Mounting, FloatArray]:
         return _fit(windows, _felt(windows, parts, at, signs), signs, mirrored=mirrored)
 
-    start, sd = before
-    at = start.copy()
+    at, start, sd = before
     found, left = fitted(at)
     for _ in range(ROUNDS):
         pushed = [fitted(at + step) for step in NUDGE]
@@ -271,11 +296,12 @@ def _refined(
         other, other_left = fitted(at + change)
         if np.abs(change[:3]).max() > LARGEST_BIAS or other.misfit >= found.misfit:
             break
-        settled = other.misfit > SETTLED * found.misfit
+        settled = other.misfit > CLOSER * found.misfit
         at, found, left = at + change, other, other_left
         if settled:
             break
-    return at, float(np.sqrt(yaw @ covariance @ yaw)), found.misfit
+    squares = np.sum(left.reshape(len(windows.turned), -1) ** 2, axis=1)
+    return at, float(np.sqrt(yaw @ covariance @ yaw)), np.minimum(squares, 1.0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -291,13 +317,6 @@ class _Windows:
     placed: bool  # positions are compared, not velocities
 
     @property
-    def telling(self) -> _Windows:
-        """Select equal numbers of turning and straight windows: turns reveal gyro signs, travel the axis."""
-        bend = np.abs(self.turned) > TURN
-        rows = np.concatenate([np.flatnonzero(bend)[-TELLING:], np.flatnonzero(~bend)[-TELLING:]])
-        return self._rows(rows)
-
-    @property
     def bends(self) -> int:
         """Number of turning windows."""
         return int((np.abs(self.turned) > TURN).sum())
@@ -307,8 +326,8 @@ class _Windows:
         return _Windows(times, compared, change, self.strength[rows], self.turned[rows], self.lla, self.placed)
 
     @classmethod
-    def of(cls, parts: Intervals, gps: GpsData, *, placed: bool) -> _Windows | None:
-        """Select the windows of largest acceleration, if there are enough."""
+    def of(cls, parts: Intervals, gps: GpsData, *, placed: bool, tilts: bool = False) -> _Windows | None:
+        """Select the windows of largest acceleration, or all the longest ones for tilts, if there are enough."""
         speed, lla = velocity(gps, BASE), gps.lla[0]
         time = gps.time if placed else speed.time
         inside = (time > parts.end[0]) & (time < parts.end[-1])
@@ -322,6 +341,8 @@ class _Windows:
         seconds = STEP * longer
         if placed:
             longer, seconds = float(np.clip(PLACED * np.sqrt(np.median(noise)), 1.0, LONGEST_PLACED)), STEP
+        if tilts:
+            longer, seconds = LONGEST_PLACED, STEP
         step = max(1, round(seconds / max(float(np.median(np.diff(time))), 1e-3)))
         time, v_n, sd, value, noise = (each[::step] for each in (time, v_n, sd, value, noise))
         rows = max(3 + placed, round(longer * WINDOW / max(float(np.median(np.diff(time))), 1e-3)))
@@ -333,17 +354,23 @@ class _Windows:
         use = np.flatnonzero(fast & ~sudden & (since[:, -1] <= 2.0 * longer * WINDOW))
         some, since, v, least = some[use], since[use], v[use], least[use]
         compared, unit = np.broadcast_to(np.diff(np.eye(rows + 1), axis=0), (use.size, rows, rows + 1)), since
-        if placed:
-            steady = np.stack([np.ones_like(since), since], axis=-1)
-            compared, unit = np.swapaxes(np.linalg.qr(steady, mode="complete")[0][..., 2:], 1, 2), 0.5 * since**2
+        if placed or tilts:
+            steady = np.stack([np.ones_like(since), since], axis=-1)[..., : 1 + placed]
+            compared = np.swapaxes(np.linalg.qr(steady, mode="complete")[0][..., 1 + placed :], 1, 2)
+            unit = 0.5 * since**2 if placed else since
         unit = unit[..., None]  # effect of a unit acceleration
         power = np.sum((compared @ value[some, :2]) ** 2, axis=(1, 2))
-        power -= 2.0 * np.sum(compared**2, axis=(1, 2)) * np.mean(noise[some] ** 2, axis=1)
+        floor = np.sum(compared**2, axis=(1, 2)) * np.mean(noise[some] ** 2, axis=1)
+        power -= 2.0 * floor
         course, end = np.arctan2(v[:, 0, 1], v[:, 0, 0]), v[:, -1]
         change = compared @ (value[some] - gravity_n(lla[0], lla[2]) * unit) @ _about_down(course)
         turned = np.asarray(wrap_pi(np.arctan2(end[:, 1], end[:, 0]) - course))
         turned[np.hypot(end[:, 0], end[:, 1]) <= least] = 0.0  # the course of a stopped vehicle is noise
+        if tilts:  # noise counts as much as the errors
+            power = np.maximum(power, 0.0) + floor / SHARE**2
         windows = cls(time[some], compared, change, power, turned, lla, placed)
+        if tilts:
+            return windows if len(turned) >= OVERLAP * FEWEST else None
         windows = windows._rows(np.flatnonzero(power >= LIVELY**2 * np.sum((compared @ unit) ** 2, axis=(1, 2))))
         if windows.strength.size < FEWEST * (1 if windows.bends >= OVERLAP else OVERLAP):
             return None  # without turns, a drone may fly in any direction

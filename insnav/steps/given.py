@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -13,7 +13,8 @@ import numpy as np
 
 from insnav import spill
 from insnav.alignment import Mounting, find_mounting
-from insnav.alignment.mounting import ALL_ALIKE, IN_ORDER
+from insnav.alignment.in_motion import positions_alone
+from insnav.alignment.mounting import ALL_ALIKE, HANDED, IN_ORDER
 from insnav.exceptions import ConfigError, InputError
 from insnav.explain.kinds import with_priors
 from insnav.filter.innovation_likelihood import LONGEST
@@ -23,7 +24,8 @@ from insnav.findings import Code, Finding
 from insnav.imu import load_imu
 from insnav.imu.imu_file import part_of
 from insnav.imu.specification import PRESETS, ImuSpec
-from insnav.input import Reading
+from insnav.input import Reading, ReadingFacts
+from insnav.input.interpret.columns import quote_columns
 from insnav.input.interpret.physics import course_of, turn_ratio, turns_with_course
 from insnav.steps import Estimate, Model, Recording
 from insnav.steps.inputs import INPUTS, LOGS, Inputs
@@ -275,7 +277,7 @@ def refuse_unlike_gyros(imu: Reading[ImuData], fixes: GpsData) -> None:
     """Refuse gyros in another order than the accelerometers, or one gyro in another unit."""
     found = mounting_of(imu, fixes)
     if found is not None and (found.gyro_order != IN_ORDER or found.gyro_units != ALL_ALIKE):
-        raise refusal(found, imu.facts.path)
+        raise refusal(found, imu.facts)
 
 
 def accel_reversed(imu: Reading[ImuData], fixes: GpsData, mounting: Mounting | None) -> Finding | None:
@@ -284,14 +286,27 @@ def accel_reversed(imu: Reading[ImuData], fixes: GpsData, mounting: Mounting | N
     `mounting`: mounting that explains the fixes. If None, the course decides, unless gravity shows inverted gyros.
     """
     if mounting is not None:
-        in_order = mounting.gyro_order == IN_ORDER and mounting.gyro_units == ALL_ALIKE
-        reverse = in_order and mounting.mirrored and len(mounting.inverted) == 3
+        reverse = mounting.mirrored and replace(mounting, mirrored=False).right_handed
         return Finding.of(Code.AXES_ACCEL_REVERSED, windows=mounting.windows) if reverse else None
     data = imu.data.beginning(LONGEST)
     correlation = turns_with_course(data.time, data.gyro, data.accel, fixes.time, course_of(fixes.v_n))
     if correlation >= 0.0 or turn_ratio(data.time, data.gyro, data.accel)[1] < 0.0:
         return None
     return Finding.of(Code.AXES_ACCEL_REVERSED, correlation=correlation)
+
+
+def refuse_exchanged(
+    imu: Reading[ImuData], gps: Reading[GpsData] | None, fixes: GpsData, mounting: Mounting | None
+) -> None:
+    """Refuse latitudes and longitudes whose track is a mirror image: exchanged, it fits better than by `mounting`."""
+    right, lla = _headers({"lat": "lon", "lon": "lat"}, gps.facts if gps is not None else None), fixes.lla[:, [1, 0, 2]]
+    if gps is None or not right or np.abs(lla[:, 0]).max() >= 0.5 * np.pi:
+        return
+    found = mounting_of(imu, positions_alone(replace(fixes, lla=lla)))
+    if found is not None and found.right_handed and (mounting is None or found.misfit < HANDED * mounting.misfit):
+        values: dict[str, Any] = {"option": "--gps-columns", "columns": quote_columns(right), "windows": found.windows}
+        gives = {"gps_columns": right}
+        raise InputError("mounting.positions_exchanged", where=gps.facts.path, gives=gives, **values)
 
 
 def explained(imu: Reading[ImuData], fixes: GpsData) -> bool:
@@ -304,29 +319,51 @@ def mounting_of(imu: Reading[ImuData], fixes: GpsData) -> Mounting | None:
     return find_mounting(intervals(imu.data.beginning(LONGEST)), fixes)
 
 
-def refusal(mounting: Mounting, where: str) -> InputError:
+def refusal(mounting: Mounting, facts: ReadingFacts) -> InputError:
     """Build the error for axes that no rotation maps to the vehicle, or for gyros of other columns."""
-    inverted = mounting.inverted
+    where, windows = facts.path, mounting.windows
     if mounting.gyro_units != ALL_ALIKE:
         units = ("deg/s", "rad/s") if min(mounting.gyro_units) < 1.0 else ("rad/s", "deg/s")
         odd = next(axis for axis in range(3) if mounting.gyro_units.count(mounting.gyro_units[axis]) == 1)
         if mounting.gyro_units[odd] == 1.0:
             units = units[::-1]
-        axis, windows = "xyz"[odd], mounting.windows
-        return InputError(
-            "mounting.gyro_unit_odd", where=where, axis=axis, unit=units[0], others=units[1], windows=windows
-        )
-    windows, axes = mounting.windows, tuple(inverted)
-    if mounting.gyro_order != IN_ORDER:
-        about = tuple("xyz"[mounting.gyro_order.index(gyro)] for gyro in range(3))
-        return InputError("mounting.gyro_order", where=where, about=about, windows=windows)
-    if mounting.mirrored and len(inverted) == 3:
+        values: dict[str, Any] = {"axis": "xyz"[odd], "unit": units[0], "others": units[1]}
+        return InputError("mounting.gyro_unit_odd", where=where, windows=windows, **values)
+    accel, gyro = mounting.corrections
+    points = tuple(WORDS[letter] for letter in mounting.letters)
+    wrong, as_is = tuple("xyz"[axis] for axis in range(3) if accel[axis, axis] < 0.0), np.array_equal(gyro, np.eye(3))
+    if np.array_equal(accel, np.eye(3)):
+        wrong = tuple("xyz"[axis] for axis in range(3) if gyro[axis, axis] < 0.0)
+        if np.count_nonzero(np.diag(gyro)) == 3:
+            return InputError("mounting.gyros_wrong_way", where=where, axes=wrong, windows=windows)
+        return InputError("mounting.gyro_order", where=where, windows=windows, **_in_order("gyro", gyro, facts))
+    if as_is and len(wrong) == 3:
         gives = {"accel_sign": "minus-force"}
         return InputError("mounting.accelerometers_inverted", where=where, gives=gives, windows=windows)
-    if mounting.mirrored and mounting.changes == 1:
-        points = tuple(WORDS[letter] for letter in mounting.letters)
-        return InputError("mounting.accelerometer_inverted", where=where, axis=axes[0], points=points, windows=windows)
-    if mounting.mirrored:
-        points = tuple(WORDS[letter] for letter in mounting.letters)
-        return InputError("mounting.left_handed", where=where, points=points, axes=axes, windows=windows)
-    return InputError("mounting.gyros_wrong_way", where=where, axes=axes, windows=windows)
+    if as_is and np.count_nonzero(np.diag(accel)) == 3:
+        return InputError("mounting.accelerometer_inverted", where=where, axis=wrong[0], points=points, windows=windows)
+    if as_is:
+        return InputError("mounting.accel_order", where=where, windows=windows, **_in_order("accel", accel, facts))
+    return InputError("mounting.left_handed", where=where, points=points, windows=windows)
+
+
+def _headers(keys: Mapping[str, str], facts: ReadingFacts | None) -> dict[str, str]:
+    """Return the headers of other keys for each key, if all are known."""
+    columns = {} if facts is None else {name: text.split(" [")[0] for name, text in facts.columns.items()}
+    known = {key: [text for name, text in columns.items() if name.startswith(keys[key])] for key in keys}
+    return {key: texts[0] for key, texts in known.items()} if all(known.values()) else {}
+
+
+def _in_order(sensor: str, matrix: FloatArray, facts: ReadingFacts) -> dict[str, Any]:
+    """Return the right order of columns, the axes that they measure, and their names if no sign is wrong."""
+    signed = matrix.sum(axis=1), matrix.sum(axis=0)
+    order, about = (
+        tuple(
+            ("-" if size < 0.0 else "") + "xyz"[at] for size, at in zip(sizes, np.abs(rows).argmax(axis=1), strict=True)
+        )
+        for sizes, rows in zip(signed, (matrix, matrix.T), strict=True)
+    )
+    keys = {f"{sensor}_{axis}": f"{sensor}_{other}" for axis, other in zip("xyz", order, strict=True) if axis != other}
+    right = _headers(keys, facts)
+    hint: dict[str, Any] = {"columns": quote_columns(right), "gives": {"columns": right}} if right else {}
+    return {"about": about, "order": order, "option": "--columns", "columns": "", **hint}

@@ -20,7 +20,7 @@ from insnav.input import Reading
 from insnav.input.interpret.physics import axes_matrix, check_axes, heading_convention, quiet_part, turns_with_course
 from insnav.kernels.smoother import STATE
 from insnav.steps import Estimate, Model, Recording, Source
-from insnav.steps.given import WORDS, accel_reversed, as_given, mounting_of, refusal, set_up_filter
+from insnav.steps.given import WORDS, accel_reversed, as_given, mounting_of, refusal, refuse_exchanged, set_up_filter
 from insnav.steps.inputs import Inputs
 from insnav.types import FloatArray, GpsData, ImuData
 from insnav.units import DEG
@@ -48,7 +48,7 @@ def mounting(recording: Recording, model: Model) -> tuple[Recording, Model, tupl
     if as_given(inputs):
         assumed = (X_FORWARD,) * (inputs.get("axes") is None)
         return recording, replace(model, mounting_yaw=Estimate(0.0, 0.0, "prior" if assumed else "given")), assumed
-    imu, yaw, findings = turn_to_vehicle(recording.imu, recording.fixes_by_scatter or fixes, inputs)
+    imu, yaw, findings = turn_to_vehicle(recording.imu, recording.fixes_by_scatter or fixes, inputs, recording.gps)
     recording, unknown = replace(recording, imu=imu), findings[-1:] == (X_FORWARD,)
     if unknown and fixes is not None and inputs.get("heading") is None and inputs.get("initial") is None:
         imu, yaw, found = in_likely_axes(recording, model)
@@ -78,13 +78,16 @@ def with_headings_turned(recording: Recording) -> tuple[Recording, tuple[Finding
 
 
 def turn_to_vehicle(
-    imu: Reading[ImuData], fixes: GpsData | None, inputs: Inputs
+    imu: Reading[ImuData], fixes: GpsData | None, inputs: Inputs, gps: Reading[GpsData] | None = None
 ) -> tuple[Reading[ImuData], float, tuple[Finding, ...]]:
     """Rotate samples into vehicle axes if none were specified; return the yaw of the IMU [rad], and findings."""
     if fixes is None:
         return imu, 0.0, ()
     data, found = imu.data, mounting_of(imu, fixes)
-    if inputs.get("accel_sign") is None and (reverse := accel_reversed(imu, fixes, found)) is not None:
+    reverse = accel_reversed(imu, fixes, found)
+    if reverse is not None or (found is not None and not found.right_handed):
+        refuse_exchanged(imu, gps, fixes, found)
+    if inputs.get("accel_sign") is None and reverse is not None:
         turned = replace(data, accel=spill.by_blocks(np.negative, data.accel))
         imu, yaw, more = turn_to_vehicle(replace(imu, data=turned), fixes, {**inputs, "accel_sign": "minus-force"})
         return imu, yaw, (reverse, *more)
@@ -103,10 +106,10 @@ def turn_to_vehicle(
                 imu, note = _turned(imu, axes_matrix(INVERTED), INVERTED, Code.MOUNTING_UPSIDE_DOWN)
                 return imu, 0.0, (note, X_FORWARD)
         return imu, 0.0, (X_FORWARD,) * moves
-    if not found.right_handed:
-        raise refusal(found, imu.facts.path)
-    matrix, notes, windows = found.to_vehicle, [], found.windows
     as_read = axes_matrix(given or imu.facts.axes or UPRIGHT)
+    if not found.right_handed:
+        raise refusal(found.of_columns(axes_matrix(letters_of(as_read))), imu.facts)
+    matrix, notes, windows = found.to_vehicle, [], found.windows
     letters, turn = letters_of(matrix @ as_read), axes_matrix(found.letters)
     # far from all vehicle axes, and wind and banks add to that: keep the original axes unless on its side
     elsewhere = found.letters != UPRIGHT and given is None

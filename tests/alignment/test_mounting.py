@@ -140,16 +140,57 @@ def test_a_gyro_that_is_off_for_a_while_is_in_no_other_unit(axis, rate, length):
     assert found is None or found.gyro_units == (1.0, 1.0, 1.0)
 
 
-@pytest.mark.parametrize("axis", ["x", "y", "z"])
-def test_on_a_plain_only_the_gyro_about_the_vertical_shows_its_sign(axis):
-    """Of the sample drive, the windows of which fit worse as a whole than those the signs are told by."""
-    sample = Path(__file__).parents[2] / "trajectories" / "sample"
-    imu, gps = read_imu(sample / "imu.csv.gz").data, read_gps(sample / "gps.csv").data
-    turned = imu.gyro * np.where(np.arange(3) == "xyz".index(axis), -1.0, 1.0)
-    found = find_mounting(intervals(replace(imu, gyro=turned)), gps)
+# columns of accelerometers and gyros, as a matrix from the right ones
+EXCHANGED, FIRST, SECOND = np.eye(3)[[1, 0, 2]], np.diag([-1.0, 1.0, 1.0]), np.diag([1.0, -1.0, 1.0])
+WRONG = {
+    "gyros x and y": (np.eye(3), EXCHANGED),
+    "sign of gyro x": (np.eye(3), FIRST),
+    "sign of gyro y": (np.eye(3), SECOND),
+    "accelerometers x and y": (EXCHANGED, np.eye(3)),
+    "sign of accelerometer x": (FIRST, np.eye(3)),
+    "signs of all accelerometers": (-np.eye(3), np.eye(3)),
+}
+
+
+@pytest.mark.parametrize("wrong", WRONG)
+@pytest.mark.parametrize("positions", [False, True], ids=["velocities", "positions alone"])
+def test_gravity_tells_any_wrong_column_in_a_city(wrong, positions):
+    """The corrections must be the inverse of what was done to the samples."""
+    made = insnav.simulate("city", imu="industrial", gps="single", seed=11)
+    imu, gps = made.imu.data, drives.without_velocities(made.gps.data) if positions else made.gps.data
+    accel, gyro = WRONG[wrong]
+    found = find_mounting(intervals(replace(imu, accel=imu.accel @ accel.T, gyro=imu.gyro @ gyro.T)), gps)
     assert found is not None
-    assert found.gyro_signs == ((1, 1, -1) if axis == "z" else (1, 1, 1))
-    assert found.gyro_order == (0, 1, 2)
+    assert not found.right_handed
+    np.testing.assert_array_equal(found.corrections[0] @ accel, np.eye(3))
+    np.testing.assert_array_equal(found.corrections[1] @ gyro, np.eye(3))
+
+
+@pytest.mark.parametrize("profile", ["city", "motorway", "mountain_road", "aircraft_pattern", "figure_eight"])
+@pytest.mark.parametrize("positions", [False, True], ids=["velocities", "positions alone"])
+def test_right_columns_are_never_refused(profile, positions):
+    made = insnav.simulate(profile, imu="consumer", gps="single", seed=12)
+    gps = drives.without_velocities(made.gps.data) if positions else made.gps.data
+    found = find_mounting(intervals(made.imu.data), gps)
+    assert found is None or found.right_handed
+
+
+@pytest.mark.parametrize("gyro", [EXCHANGED, FIRST, SECOND], ids=["x and y", "sign of x", "sign of y"])
+def test_a_motorway_does_not_tell_the_gyros_that_hardly_turn(gyro):
+    """Gravity stays where it is in the vehicle: nothing is said, and nothing wrong is named."""
+    made = insnav.simulate("motorway", imu="industrial", gps="single", seed=1010)
+    found = find_mounting(intervals(replace(made.imu.data, gyro=made.imu.data.gyro @ gyro.T)), made.gps.data)
+    assert found is None or found.right_handed
+
+
+def test_columns_in_rotated_axes_are_those_of_the_file():
+    """Samples read as forward, left, up: an exchange there has changed signs in vehicle axes."""
+    given = axes_matrix("FLU")
+    turned = given @ EXCHANGED @ given.T
+    made = insnav.simulate("city", imu="industrial", gps="single", seed=11)
+    found = find_mounting(intervals(replace(made.imu.data, gyro=made.imu.data.gyro @ turned.T)), made.gps.data)
+    assert found is not None
+    np.testing.assert_array_equal(found.of_columns(given).corrections, [np.eye(3), EXCHANGED])
 
 
 @pytest.mark.parametrize("yaw", [-150.0, -30.0, 4.0, 30.0, 75.0])

@@ -68,8 +68,32 @@ def test_times_in_utc_are_named_and_brought_to_the_whole_second(tmp_path):
 def test_accelerometers_with_two_axes_exchanged_are_no_clock_that_is_off(tmp_path):
     y, z = "accel_y_m_s2", "accel_z_m_s2"
     imu = changed(tmp_path, "imu", lambda table: table.rename(columns={y: z, z: y}))
-    with pytest.raises(InputError, match=r"mounting.gyro_order"):
+    with pytest.raises(InputError, match=r"mounting.accel_order") as caught:
         insnav.load(imu, SAMPLE / "gps.csv")
+    assert caught.value.gives == {"columns": {"accel_y": z, "accel_z": y}}
+    assert insnav.load(imu, SAMPLE / "gps.csv", **caught.value.gives).imu.facts.axes == "FRD"
+
+
+def test_exchanged_gyros_name_the_columns(tmp_path):
+    x, y = "gyro_x_rad_s", "gyro_y_rad_s"
+    imu = changed(tmp_path, "imu", lambda table: table.rename(columns={x: y, y: x}))
+    with refused(InputError, "mounting.gyro_order") as caught:
+        insnav.load(imu, SAMPLE / "gps.csv")
+    assert caught.value.values["about"] == ("y", "x", "z")
+    assert caught.value.gives == {"columns": {"gyro_x": y, "gyro_y": x}}
+    assert not insnav.load(imu, SAMPLE / "gps.csv", **caught.value.gives).imu.events
+
+
+def test_latitudes_and_longitudes_exchanged_name_the_columns(tmp_path):
+    """Of positions alone: the track is a mirror image, stretched by the latitude."""
+    names = {"lat_deg": "lon_deg", "lon_deg": "lat_deg"}
+    gps = changed(tmp_path, "gps", lambda table: table[["time_s", *names, "height_m"]].rename(columns=names))
+    with refused(InputError, "mounting.positions_exchanged") as caught:
+        insnav.load(SAMPLE / "imu.csv.gz", gps)
+    assert caught.value.gives == {"gps_columns": {"lat": "lon_deg", "lon": "lat_deg"}}
+    fixes = insnav.load(SAMPLE / "imu.csv.gz", gps, **caught.value.gives).fixes
+    assert fixes is not None
+    assert fixes.lla[0, 0] == insnav.load(SAMPLE / "imu.csv.gz", SAMPLE / "gps.csv").fixes.lla[0, 0]
 
 
 def test_a_changed_sign_of_longitudes_names_the_columns(tmp_path):
