@@ -200,7 +200,7 @@ class Result(Generic[F]):
         return as_keywords(_save.text_of(self))
 
     def _repr_html_(self) -> str:
-        """Display the result in a notebook: its tables, without figures."""
+        """Display the result in a notebook: figures of merit, map, first figure, tables."""
         return str(_html.page_fragment(self.page()))
 
 

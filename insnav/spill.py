@@ -7,6 +7,7 @@ for speed, with results identical to the whole.
 from __future__ import annotations
 
 import ctypes
+import math
 import mmap
 import os
 import sys
@@ -34,7 +35,7 @@ def empty(shape: Sequence[int], dtype: Any = np.float64) -> NDArray[Any]:
 
     Raises: OutputError: the disk is too full for the file.
     """
-    size = int(np.prod(shape)) * np.dtype(dtype).itemsize
+    size = math.prod(shape) * np.dtype(dtype).itemsize
     if size <= min(SMALL, LARGE):
         return np.empty(shape, dtype)
     if size <= LARGE and size + sum(_held.values()) <= MOST:
@@ -58,6 +59,12 @@ def _give_back() -> None:
     if sys.platform == "linux" and hasattr(libc := ctypes.CDLL(None), "mallopt"):
         libc.mallopt(-3, 4 << 20)  # M_MMAP_THRESHOLD: larger arrays have their own maps
         libc.mallopt(-1, 64 << 20)  # M_TRIM_THRESHOLD
+
+
+def trim() -> None:
+    """Return the memory of freed arrays to the system: glibc keeps those below 32 MB."""
+    if sys.platform == "linux" and hasattr(libc := ctypes.CDLL(None), "malloc_trim"):
+        libc.malloc_trim(0)
 
 
 def together(pieces: Iterable[bytes]) -> bytes | mmap.mmap:

@@ -21,7 +21,7 @@ from insnav.exceptions import ConfigError, InputError
 from insnav.kernels import alignment as _alignment
 from insnav.kernels import increments as _increments
 from insnav.kernels import mechanization as _mechanization
-from insnav.types import BoolArray, FloatArray, ImuData, Increments, IntArray, Trajectory
+from insnav.types import FloatArray, ImuData, Increments, IntArray, Trajectory
 
 Method = Literal["polynomial", "rk4", "rotvec", "euler"]
 _STUDY = {"euler": _mechanization.EULER, "rotvec": _mechanization.ROTVEC, "rk4": _mechanization.RK4}
@@ -29,6 +29,7 @@ _STUDY = {"euler": _mechanization.EULER, "rotvec": _mechanization.ROTVEC, "rk4":
 BESIDE = 16  # samples on either side that affect an interval
 TIME_TOLERANCE = 1e-6  # times closer than this are equal [s]
 LOST_WINDOW = 5  # steps on either side that separate lost samples from jitter
+_BEFORE = {"end": 1.0, "mid": 0.5, "start": 0.0}  # share of the interval before its stamp
 JOINED = 0.04  # a vehicle vibrates faster, but does not turn faster [s]
 GAP = 1.5  # an interval longer than this multiple of the nominal one has lost samples
 
@@ -64,36 +65,6 @@ def nominal_interval(time: FloatArray) -> float:
     return float(np.mean(step[step <= GAP * np.median(step)]))
 
 
-def _lost(time: FloatArray, nominal: float) -> BoolArray:
-    """Find steps with missing samples: too long, and not compensated by shorter neighbours as jitter is."""
-    lost = spill.by_blocks(lambda now, then: then - now > GAP * nominal, time[:-1], time[1:])
-    k = np.flatnonzero(lost)
-    first, last = np.maximum(k - LOST_WINDOW, 0), np.minimum(k + LOST_WINDOW + 1, time.shape[0] - 1)
-    # jitter of up to 4 ms at 100 Hz moves each end of the window by 0.4 of a step
-    lost[k] = time[last] - time[first] > (last - first + 0.85) * nominal
-    return np.asarray(lost)
-
-
-def _interval_ends(imu: ImuData, nominal: float) -> tuple[FloatArray, FloatArray]:
-    """Return start and end of each sample's interval [s], for any stamp convention."""
-    t = imu.time
-    gap = _lost(t, nominal)
-
-    def moved(times: FloatArray, sign: float) -> FloatArray:  # after a gap the interval is the nominal one
-        return spill.by_blocks(
-            lambda time, now, then, after: time + sign * np.where(after, nominal, then - now), times, t[:-1], t[1:], gap
-        )
-
-    if imu.sampling == "instant" or imu.stamp == "end":
-        return spill.joined([t[:1] - nominal, moved(t[1:], -1.0)]), t
-    if imu.stamp == "start":
-        return t, spill.joined([moved(t[:-1], 1.0), t[-1:] + nominal])
-    middle = t[:-1] + 0.5 * np.diff(t)
-    start = np.concatenate([[t[0] - 0.5 * nominal], np.where(gap, t[1:] - 0.5 * nominal, middle)])
-    end = np.concatenate([np.where(gap, t[:-1] + 0.5 * nominal, middle), [t[-1] + 0.5 * nominal]])
-    return start, end
-
-
 def intervals(imu: ImuData, nominal: float | None = None) -> Intervals:
     """Convert samples to successive intervals and fill gaps.
 
@@ -111,8 +82,10 @@ def intervals(imu: ImuData, nominal: float | None = None) -> Intervals:
         linearly between the neighbours, marked by `gap`.
     """
     nominal = nominal_interval(imu.time) if nominal is None else nominal
-    instant = imu.sampling == "instant"
-    start, end = _interval_ends(imu, nominal)
+    instant, time = imu.sampling == "instant", np.ascontiguousarray(imu.time)
+    start, end, before = spill.empty(time.shape), spill.empty(time.shape), 1.0 if instant else _BEFORE[imu.stamp]
+    for rows in spill.blocks(time.shape[0]):
+        _increments.interval_ends(time, nominal, GAP, LOST_WINDOW, before, rows.start, rows.stop, start, end)
     segment = np.zeros(end.shape[0], dtype=np.int64)
     gap = np.zeros(end.shape[0])
     least = (GAP - 1.0) * nominal
@@ -121,7 +94,7 @@ def intervals(imu: ImuData, nominal: float | None = None) -> Intervals:
     if gaps.size:
         # rates are interpolated across a gap; the samples themselves keep every bit
         length_of = end - start if imu.sampling == "increment" else np.ones(end.shape[0])
-        at, new_gap, new_end, new_gyro, new_accel = [], [], [], [], []
+        at, new_gap, new_end, new = [], [], [], []
         for k in gaps:
             length = start[k + 1] - end[k]
             missing = max(1, round(length / nominal))
@@ -130,14 +103,14 @@ def intervals(imu: ImuData, nominal: float | None = None) -> Intervals:
             at.append(np.full(missing, k + 1))
             new_gap.append(np.full(missing, length))
             new_end.append(np.append(end[k] + share[:-1] / missing * length, start[k + 1]))
-            before, after = gyro[k] / length_of[k], gyro[k + 1] / length_of[k + 1]
-            new_gyro.append(before + way * (after - before))
-            before, after = accel[k] / length_of[k], accel[k + 1] / length_of[k + 1]
-            new_accel.append(before + way * (after - before))
+            sides = [(each[k] / length_of[k], each[k + 1] / length_of[k + 1]) for each in (gyro, accel)]
+            new.append([left + way * (right - left) for left, right in sides])
         where = np.concatenate(at)
         end = np.insert(end, where, np.concatenate(new_end))
-        gyro = np.insert(gyro, where, np.concatenate(new_gyro), axis=0)
-        accel = np.insert(accel, where, np.concatenate(new_accel), axis=0)
+        gyro, accel = (
+            np.insert(each, where, np.concatenate(some), axis=0)
+            for each, some in zip((gyro, accel), zip(*new, strict=True), strict=True)
+        )
         gap = np.insert(gap, where, np.concatenate(new_gap))
         segment = np.concatenate([[0], np.cumsum(gap[1:] != gap[:-1])]).astype(np.int64)
     dt = spill.joined([end[:1] - start[0], spill.steps(end)])
@@ -185,24 +158,13 @@ def joined(blocks: Iterable[Intervals]) -> Intervals:
 def split(parts: Intervals, times: FloatArray, first: int, last: int) -> tuple[IntArray, FloatArray, FloatArray]:
     """Cut intervals from `first` up to, not including, `last` at given times.
 
-    `times` (m,): increasing [s]. A time within a microsecond of the end of an interval cuts nothing.
+    `times` (m,): in order [s]. A time within a microsecond of the previous one or of an interval's end cuts nothing.
     Returns: `parent` (k,): interval of each piece. `s0`, `s1` (k,): its start and end as a fraction of the interval.
     """
-    owner = np.searchsorted(parts.end[first:last], times - TIME_TOLERANCE) + first
-    inside = owner < last
-    owner, times = owner[inside], times[inside]
-    begin = parts.end[owner] - parts.dt[owner]
-    cut = (times - begin > TIME_TOLERANCE) & (parts.end[owner] - times > TIME_TOLERANCE)
-    owner, times, begin = owner[cut], times[cut], begin[cut]
-    at = (times - begin) / np.where(parts.dt[owner] > 0, parts.dt[owner], 1.0)
-    parent = np.arange(first, last, dtype=np.int64)
-    s0, s1 = np.zeros(parent.shape[0]), np.ones(parent.shape[0])
-    if owner.size == 0:
-        return parent, s0, s1
-    parent = np.insert(parent, owner - first + 1, owner)
-    s1 = np.insert(s1, owner - first, at)
-    s0 = np.insert(s0, owner - first + 1, at)
-    return parent, s0, s1
+    parent = np.empty(last - first + times.size, np.int64)
+    s0, s1 = np.empty((2, parent.size))
+    count = _increments.split(parts.end, parts.dt, first, last, times, TIME_TOLERANCE, parent, s0, s1)
+    return parent[:count], s0[:count], s1[:count]
 
 
 def increments(

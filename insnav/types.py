@@ -125,6 +125,8 @@ class GpsData(FromTable):
         Fix type as in the file (1 fixed, 2 float, 4 DGPS, 5 single, 0 none), if given.
     heading : (n,) array or None
         Heading from the receiver, e.g. of two antennas [rad]; ``NaN`` where not known.
+    satellites, dop : (n,) array or None
+        Satellites used and dilution of precision [-], shown on the page alone; ``NaN`` where not known.
     """
 
     COLUMNS: ClassVar = {
@@ -135,6 +137,8 @@ class GpsData(FromTable):
         "velocity_sd": _VELOCITY_SD,
         "fix": ("fix",),
         "heading": ("heading_deg",),
+        "satellites": ("satellites",),
+        "dop": ("dop",),
     }
 
     time: FloatArray
@@ -144,6 +148,8 @@ class GpsData(FromTable):
     velocity_sd: FloatArray
     fix: IntArray | None = None
     heading: FloatArray | None = None
+    satellites: FloatArray | None = None
+    dop: FloatArray | None = None
 
 
 @dataclass(frozen=True, slots=True)

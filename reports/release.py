@@ -8,10 +8,13 @@ from __future__ import annotations
 
 import hashlib
 import json
+import re
 import subprocess
 import sys
 import tempfile
 from pathlib import Path
+
+from insnav.version import __version__
 
 ROOT = Path(__file__).parents[1]
 RECORD = ROOT / "reports" / "release.json"
@@ -63,7 +66,9 @@ def make() -> None:
         print("$", *step[1:], flush=True)
         done = subprocess.run(step, cwd=ROOT, stdout=subprocess.PIPE, check=True, encoding="utf-8")
         if "--markdown" in step:
-            CERTIFICATE.write_text(done.stdout, encoding="utf-8")
+            head = CERTIFICATE.read_text(encoding="utf-8").partition("| check |")[0]
+            head = re.sub(r"Version \S+:", f"Version {__version__}:", head)
+            CERTIFICATE.write_text(head + done.stdout, encoding="utf-8")
     if digest(ROOT, sources()) != before:
         sys.exit("The sources changed meanwhile: run it again.")
     pages = {page: digest(ROOT, [page]) for page in PAGES}

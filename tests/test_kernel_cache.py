@@ -34,6 +34,22 @@ def ran(script: Path, **environment: str) -> list[str]:
     return done.stdout.split()
 
 
+def test_a_kernel_from_the_cache_is_compiled_into_another(tmp_path):
+    script, cache = tmp_path / "script.py", {"NUMBA_CACHE_DIR": str(tmp_path / "cache")}
+    kept = SOURCE.partition("print")[0]
+    (tmp_path / "kept.py").write_text(kept, encoding="utf-8")
+    caller = kept.replace("@njit", "from kept import kernel\n\n@njit").replace("def kernel", "def caller")
+    (tmp_path / "further.py").write_text(caller.replace("2.0 * x", "1.0 + kernel(x)"), encoding="utf-8")
+    script.write_text("from kept import kernel\nprint(kernel(21.0))\n", encoding="utf-8")
+    assert ran(script, **cache) == ["42.0"]
+    hits = "print(caller(21.0), *(sum(each.stats.cache_hits.values()) for each in (kernel, caller)))\n"
+    further = "from further import caller, kernel\n"
+    script.write_text(further + "kernel(21.0)\n" + hits, encoding="utf-8")
+    assert ran(script, **cache) == ["43.0", "1", "0"]
+    script.write_text(further + hits, encoding="utf-8")
+    assert ran(script, **cache) == ["43.0", "0", "1"]
+
+
 @pytest.mark.parametrize("ending", ["nbc", "nbi"])
 @pytest.mark.parametrize("size", [0, 40])
 def test_a_file_that_was_cut_short_is_written_anew(tmp_path, ending, size):

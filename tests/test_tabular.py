@@ -180,7 +180,7 @@ def _car(n: int = 400) -> tuple[types.ImuData, types.GpsData, types.Trajectory]:
     lla = np.deg2rad([48.0, 11.0, 0.0]) + np.column_stack([1e-6 * at, 1e-6 * at, 500.0 + rng.random(m)])
     v_n = [6.4, 4.3, 0.0] + 0.1 * rng.random((m, 3))  # as the positions move
     sd = 0.5 + rng.random((m, 3))
-    gps = types.GpsData(at, lla, v_n, sd, 0.1 * sd, np.full(m, 4), np.linspace(0.1, 0.2, m))
+    gps = types.GpsData(at, lla, v_n, sd, 0.1 * sd, np.full(m, 4), *np.linspace([0.1, 7.0, 1.0], [0.2, 9.0, 2.0], m).T)
     rph = np.column_stack([0.01 * rng.random((m, 2)), np.linspace(0.1, 0.2, m)])
     return imu, gps, types.Trajectory(at, lla, v_n, rph)
 

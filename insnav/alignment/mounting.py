@@ -131,11 +131,11 @@ class Mounting:
 
     @property
     def changes(self) -> int:
-        """Least number of columns that must change their signs."""
+        """Least number of signs that must change; that of all accelerometers is one convention, as of iOS."""
         if self.mirrored and len(self.inverted) == 1:
             at = "xyz".index(self.inverted[0])
             return 1 if self.letters[:at] + _OPPOSITE[self.letters[at]] + self.letters[at + 1 :] in _USUAL else 4
-        return {0: 2, 3: 3}.get(len(self.inverted), 4) if self.mirrored else len(self.inverted)
+        return {0: 2, 3: 1}.get(len(self.inverted), 4) if self.mirrored else len(self.inverted)
 
     @property
     def right_handed(self) -> bool:

@@ -7,6 +7,8 @@ from dataclasses import dataclass
 from importlib.resources import files
 from typing import Literal
 
+from insnav.messages import translated
+
 
 @dataclass(frozen=True, slots=True)
 class FaultRow:
@@ -31,9 +33,9 @@ def matrix_lines(rows: tuple[FaultRow, ...]) -> list[str]:
     """Format the matrix as text: a line of state and fault, and the measurement below."""
     lines = []
     for row in rows:
-        lines.append(f"{row.key:<4} {row.state:<7} {row.fault}")
+        lines.append(f"{row.key:<4} {translated(row.state):<7} {translated(row.fault)}")
         parts = {"limit": row.bar, "measured": row.measured, "test": row.test, "changed": row.reason}
-        lines += [f"{'':<12} {name}: {text}" for name, text in parts.items() if text]
+        lines += [f"{'':<12} {translated(f'{name}: ')}{text}" for name, text in parts.items() if text]
     count = {state: sum(row.state == state for row in rows) for state in ("met", "partly", "open")}
-    lines.append(f"{len(rows)} faults: {count['met']} met, {count['partly']} in part, {count['open']} open")
-    return lines
+    met = f"{len(rows)} faults: {count['met']} met, {count['partly']} in part, {count['open']} open"
+    return [*lines, translated(met)]

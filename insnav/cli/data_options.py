@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 _findings, _messages = library("insnav.findings"), library("insnav.messages")  # the help needs no catalogue
 _explanation = library("insnav.report.save")
 
-READING = ("axes", "units", "columns", "sampling", "stamp")  # inputs for reading samples
+READING = ("axes", "units", "columns", "sampling", "stamp", "topic")  # inputs for reading samples
 _IMU_HELP = "IMU data, or a log with IMU and GPS: a file of any supported format, a folder, or - for standard input."
 _SECOND_HELP = "GPS fixes, as with --gps; the content of two files determines which has the IMU data."
 _FILE_HELP = {
@@ -63,10 +63,7 @@ class Data:
         assert self.imu is not None
         reading = read_samples(self.imu, self.inputs, **how)
         say_reading(reading.facts)
-        if console.level == 0:  # already in -v; no fixes can contradict the unit here
-            codes = _findings.Code.UNITS_GYRO_ASSUMED, _findings.Code.READ_IMU_MODEL_BY_GRAVITY
-            for assumed in _findings.of_code(reading.facts.evidence, *codes):
-                note(_messages.sentence(assumed))
+        say_scale(reading.facts)
         return reading
 
     def load(self, stage: Stages) -> Drive:
@@ -96,6 +93,13 @@ class Data:
             detail(_messages.phrase("terminal.step", name=step.name, time_s=step.time_s), *lines)
         outcome = replace(outcome, options=self.options)
         return outcome, write_result(outcome, folder, stage, **how)
+
+
+def say_scale(facts: Any) -> None:
+    """Print the assumed scale of gyros that no fixes contradict; -v prints it anyway."""
+    codes = _findings.Code.UNITS_GYRO_ASSUMED, _findings.Code.READ_IMU_MODEL_BY_GRAVITY
+    for assumed in _findings.of_code(facts.evidence, *codes) if console.level == 0 else ():
+        note(_messages.sentence(assumed))
 
 
 def check_usable(outcome: Result[Any]) -> None:

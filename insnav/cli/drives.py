@@ -13,7 +13,7 @@ import typer
 
 from insnav.cli import console
 from insnav.cli import options as common
-from insnav.cli.data_options import READING, Data, check_usable, compile_at_first, takes_data
+from insnav.cli.data_options import READING, Data, check_usable, compile_at_first, say_scale, takes_data
 from insnav.cli.options import RESULT, START, Force, Json, Out, argument, flag, option
 from insnav.exceptions import ConfigError
 
@@ -30,6 +30,8 @@ def align(data: Data, out: Out = Path("alignment"), force: Force = False, as_jso
         from insnav.messages import sentence
 
         drive = data.load(stage)
+        if data.gps is None:
+            say_scale(drive.recording.imu.facts)
         outcome = drive.align()
         read = {event for reading in drive.recording.given().values() for event in reading.events}
         for finding in outcome.findings:
@@ -44,7 +46,7 @@ def align(data: Data, out: Out = Path("alignment"), force: Force = False, as_jso
         console.result(f"{console.brief_text(outcome)}\n{entry('files', '')}{out}: report.html, run.json")
 
 
-@takes_data(None, only=(*READING, "time_offset", "topic", "lever_arm", "gps_height", "gps_columns"))
+@takes_data(None, only=(*READING, "time_offset", "lever_arm", "gps_height", "gps_columns"))
 def check(
     data: Data,
     files: Annotated[list[Path], argument("FILES", "Files.")],

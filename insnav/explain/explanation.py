@@ -7,12 +7,13 @@ fault of the IMU. The search repeats on the new linear record until the fault is
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, replace
+from itertools import chain, zip_longest
 from typing import Any, NamedTuple
 
 import numpy as np
 
+from insnav import spill
 from insnav.earth import lla_offset
 from insnav.exceptions import DivergenceError
 from insnav.explain.kinds import FADES, KINDS, RETURN, Kind, cost_of_end
@@ -118,13 +119,13 @@ class Explanation:
 
     def widen(self, run: Run) -> Run:
         """Enlarge the standard deviations for ambiguities, such as the true side of a lasting change."""
+        displaced = [fault for fault in self.faults if fault.displaces(run.solution.time).any()]
 
         def wider(solution: Trajectory, sd: FloatArray) -> FloatArray:
             variance = sd[:, :3] ** 2
-            for fault in self.faults:
-                if (off := fault.displaces(solution.time)).any():
-                    variance += off[:, None] * _moved(replace(fault, size=fault.sd)) ** 2
-                    variance += EITHER * np.isinf(fault.back) * _moved(fault) ** 2
+            for fault in displaced:
+                variance += fault.displaces(solution.time)[:, None] * _moved(replace(fault, size=fault.sd)) ** 2
+                variance += EITHER * np.isinf(fault.back) * _moved(fault) ** 2
             for fault in self.of_delay():
                 variance += LATE * (fault.size[0] * solution.v_n) ** 2
             sd[:, :3] = np.sqrt(variance)
@@ -140,15 +141,15 @@ def explain_faults(ready: Prepared, kinds: Sequence[Kind]) -> tuple[Prepared, Ex
     """Find the faults of a recording, and prepare the recording for the filter with these faults."""
     parts, tried, runs = list[Part](), list[Tried](), 0
     for _ in range(ROUNDS):
-        records: list[LinearRecord] = []
-        with suppress(DivergenceError):
+        try:
             records = LinearRecord.of(apply_faults(ready, of_imu(faults_of(parts))))
-            runs += 1
-        if not records or np.count_nonzero(records[0].known.any(axis=1)) < FEWEST:
+        except DivergenceError:
             break
-        before: Sequence[Part | None] = parts or [None] * len(records)
-        parts = []
-        for record, known in zip(records, before, strict=True):
+        runs, first = runs + 1, next(records)
+        if np.count_nonzero(first.known.any(axis=1)) < FEWEST:
+            break
+        before, parts = parts, []
+        for record, known in zip_longest(chain([first], records), before):
             if known is not None and known.search.complete and not of_imu(known.faults):
                 parts.append(known)
                 continue
@@ -157,8 +158,13 @@ def explain_faults(ready: Prepared, kinds: Sequence[Kind]) -> tuple[Prepared, Ex
             if not np.isfinite(found.best.cost):  # too far from linear to be calculated
                 return ready, Explanation()
             tried += considered_of(record, found)
-            parts.append(Part(record, found, faults_in(record, found)))
-        same = alike(of_imu(faults_of(filter(None, before))), of_imu(faults_of(parts)))
+            if not parts:
+                limits = state_detectable(record, found.best.seen, kinds)
+            faults = faults_in(record, found)
+            found = replace(found, best=replace(found.best, seen=found.best.seen.bare()))
+            parts.append(Part(record.time, record.interval, found, faults))
+            spill.release()
+        same = alike(of_imu(faults_of(before)), of_imu(faults_of(parts)))
         if same and all(part.search.complete for part in parts):
             break
     if not parts:
@@ -170,20 +176,19 @@ def explain_faults(ready: Prepared, kinds: Sequence[Kind]) -> tuple[Prepared, Ex
     for part in parts:
         steps = (step for step in part.search.best.steps if step.kind is not RETURN)
         for fault, step in zip(part.faults, steps, strict=True):
-            rows[fault.kind.name, fault.begin, fault.end] = accepted_as(ready, fault, step, part.record.interval)
+            rows[fault.kind.name, fault.begin, fault.end] = accepted_as(ready, fault, step, part.interval)
     best_first = sorted(rows.values(), key=lambda each: (not each.accepted, -each.gain))
-    times, variances = zip(*(mix(part.record, part.search) for part in parts), strict=True)
-    between = np.concatenate(times), np.concatenate(variances)
+    between = np.concatenate([part.time for part in parts]), np.concatenate([mix(part.search) for part in parts])
     passes = sum(part.search.passes for part in parts)
     explanation = Explanation(tuple(faults), tuple(best_first), passes, runs, findings, between)
-    notes = (*explained.notes, state_detectable(parts[0].record, parts[0].search.best.seen, kinds))
-    return replace(explained, explanation=explanation, notes=notes), explanation
+    return replace(explained, explanation=explanation, notes=(*explained.notes, limits)), explanation
 
 
 class Part(NamedTuple):
     """Part of a recording, with its search and its faults."""
 
-    record: LinearRecord
+    time: FloatArray  # of the epochs [s]
+    interval: float  # usual time between epochs [s]
     search: Search
     faults: list[Fault]
 
@@ -193,14 +198,14 @@ def faults_of(parts: Iterable[Part]) -> list[Fault]:
     return [fault for part in parts for fault in part.faults]
 
 
-def mix(record: LinearRecord, search: Search) -> tuple[FloatArray, FloatArray]:
-    """Compute the variance between explanations, weighted by their probability: epochs (m,) [s], variances (m, 9)."""
+def mix(search: Search) -> FloatArray:
+    """Compute the variance between explanations, weighted by their probability, (m, 9)."""
     # a run again about faults of the IMU may have other epochs
     every = [search.best, *(each for each in search.others if each.seen.nav.shape == search.best.seen.nav.shape)]
     part = np.exp(-0.5 * (np.array([each.cost for each in every]) - search.best.cost))
     off = np.array([each.seen.nav - search.best.seen.nav for each in every])
     off[:, :, 6:8] = np.linalg.norm(off[:, :, 6:8], axis=2, keepdims=True)  # tilts are of the level axes
-    return record.time, np.asarray(np.tensordot(part / part.sum(), off**2, axes=1))
+    return np.asarray(np.tensordot(part / part.sum(), off**2, axes=1))
 
 
 def of_imu(faults: Sequence[Fault]) -> list[Fault]:
@@ -322,8 +327,7 @@ def apply_faults(ready: Prepared, faults: Sequence[Fault]) -> Prepared:
         elif fault.family != "delay":
             changes += _changes_of(fault)
     changes.sort(key=lambda change: change.time)
-    settings = replace(ready.settings, changes=tuple(changes), rough=tuple(rough))
-    settings = replace(settings, false=false if false.any() else None)
+    settings = replace(ready.settings, changes=tuple(changes), rough=tuple(rough), false=false if false.any() else None)
     if rough and settings.correlated is None:
         settings = replace(settings, correlated=usual_correlated(gps.position_sd))
     return replace(ready, gps=gps, settings=settings)
@@ -343,9 +347,7 @@ def _changes_of(fault: Fault) -> list[StateChange]:
 
 def _moved(fault: Fault) -> FloatArray:
     """Compute the displacement of the positions by a fault, North, East, Down (3,) [m]."""
-    if fault.family == "offset":
-        return fault.size
-    return np.asarray(fault.size * (fault.end - fault.begin))
+    return fault.size if fault.family == "offset" else np.asarray(fault.size * (fault.end - fault.begin))
 
 
 def find(fault: Fault, gps: GpsData) -> Finding:
@@ -353,19 +355,13 @@ def find(fault: Fault, gps: GpsData) -> Finding:
     passes, stays, name = CODES[fault.family]
     size = _moved(fault) if name == "distance_m" and np.isfinite(fault.end) else fault.size
     code = passes if np.isfinite(fault.end) else stays
-    value = float(np.linalg.norm(size))
-    if code in SIGNED:
-        value = -float(size[0])  # errors are estimate minus truth
-    subject = (
-        fault.kind.name.replace("_", " ") if fault.family in ("gyro", "accel") else SUBJECTS.get(fault.family, "gps")
-    )
+    value = -float(size[0]) if code in SIGNED else float(np.linalg.norm(size))  # errors are estimate minus truth
+    sensor = fault.family in ("gyro", "accel")
+    subject = fault.kind.name.replace("_", " ") if sensor else SUBJECTS.get(fault.family, "gps")
+    inside = gps.time[fault.inside(gps.time)]
     values: dict[str, Any] = {name: value}
     if code in (Code.RECORD_FALSE_POSITIONS, Code.RECORD_FALSE_VELOCITIES):
-        values = {
-            "count": int(np.count_nonzero(fault.inside(gps.time))),
-            name.replace("distance_m", "residual_m"): value,
-        }
-    inside = gps.time[fault.inside(gps.time)]
+        values = {"count": inside.size, name.replace("distance_m", "residual_m"): value}
     last = float(inside[-1]) if inside.size else fault.begin
     end = last if np.isfinite(fault.end) or fault.family == "delay" else None
     return Finding.of(code, fault.begin, end, subject=subject, **values)

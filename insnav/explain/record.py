@@ -8,6 +8,7 @@ costs one pass of covariance algebra over the epochs, without the samples.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -19,6 +20,7 @@ from insnav.filter.error_model import MANOEUVRE, layout, reset_correlated
 from insnav.filter.gates import Gates
 from insnav.filter.gps_noise import CorrelatedNoise
 from insnav.filter.innovation_likelihood import thinned
+from insnav.filter.navigate import feed
 from insnav.filter.navigator import Navigator
 from insnav.filter.prepare import Prepared
 from insnav.filter.settings import FilterSettings
@@ -131,6 +133,10 @@ class Pass:
         told = np.einsum("mij,mij->mi", p @ self.information, p)
         return np.asarray(np.maximum(np.einsum("mii->mi", p[:, :, :NAV]) - told, 0.0))
 
+    def bare(self) -> Pass:
+        """Drop the large arrays."""
+        return replace(self, information=np.empty((0, 0, 0)), inner=())
+
     @property
     def is_finite(self) -> bool:
         """True if all values are finite: an overflow of the backward pass reaches the first epoch."""
@@ -152,8 +158,10 @@ class LinearRecord:
     from_fix: bool  # the first position comes from a fix and has its time-correlated error
 
     @classmethod
-    def of(cls, ready: Prepared) -> list[LinearRecord]:
+    def of(cls, ready: Prepared) -> Iterator[LinearRecord]:
         """Run the filter over the longest part of a recording, and divide its epochs into parts of bounded length.
+
+        The caller should keep one part at a time.
 
         Raises: DivergenceError: the filter lost consistency.
         """
@@ -168,15 +176,14 @@ class LinearRecord:
         # misalignments are states here, not noise as in the filter
         model = replace(ready.model, noise=np.append(ready.model.noise[:-2], [0.0, 0.0]))
         navigator = Navigator(ready.initial, model, gps, ready.alignment, ready.nominal, settings)
-        navigator.feed(ready.imu)
-        whole = navigator.history().blocks()
+        whole = feed(navigator, ready.imu).history().blocks()
         blocks = [part for each in whole for part in np.array_split(each, -(-len(each) // LONGEST))]
         if len(blocks) > 1 and len(blocks[-1]) < SHORTEST:
             blocks[-2:] = [np.concatenate(blocks[-2:])]
         sd = np.sqrt(ready.model.noise[-2:] / MANOEUVRE)
         first = [ready.initial.from_fix, *[False] * (len(blocks) - 1)]
         records = (cls._from_history(*each, ready.gps, settings) for each in zip(blocks, first, strict=True))
-        return [record.with_axes(ready.imu, sd) for record in records]
+        return (record.with_axes(ready.imu, sd) for record in records)
 
     @classmethod
     def _from_history(cls, history: FloatArray, from_fix: bool, gps: GpsData, settings: FilterSettings) -> LinearRecord:
@@ -252,18 +259,9 @@ class LinearRecord:
         mean = np.diff(sums, axis=0, prepend=sums[:1]) / np.maximum(span, 1e-9)[:, None]
         pairs = [(i, j) for i in range(6) for j in range(i // 3 * 3, i // 3 * 3 + 3) if i != j]
         phi = np.dstack([phi, *(phi[:, :, NAV + i] * mean[:, j, None] for i, j in pairs)])
-        fade, qd, h, fed, start = (
-            np.insert(each, [last] * len(pairs), value, axis=-1)
-            for each, value in (
-                (fade, 1.0),
-                (qd, 0.0),
-                (self.measured[1], 0.0),
-                (self.measured[2], 0.0),
-                (self.start, 0.0),
-            )
-        )
-        start = np.insert(start, [last] * len(pairs), 0.0, axis=0)
-        added = np.arange(last, last + len(pairs))
+        places, added = [last] * len(pairs), np.arange(last, last + len(pairs))
+        qd, h, fed, start = (np.insert(each, places, 0.0, axis=-1) for each in (qd, *self.measured[1:], self.start))
+        fade, start = np.insert(fade, places, 1.0, axis=1), np.insert(start, places, 0.0, axis=0)
         start[added, added] = np.repeat(sd**2, len(pairs) // 2)
         states = {name: first + len(pairs) * (first >= last) for name, first in self.states.items()}
         measured = self.measured[0], h, fed

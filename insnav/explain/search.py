@@ -72,7 +72,6 @@ class Search:
     others: tuple[Fit, ...]
     considered: tuple[Considered, ...]
     passes: int
-    plain: Fit  # the first: without a fault, or with the known ones
     gains: tuple[float, ...]  # cost increase of the best fit without each of its steps [-]
     complete: bool = True  # false: a new fault of the IMU needs another run of the filter before the search continues
 
@@ -108,6 +107,8 @@ class _Searcher:
             weights = np.minimum((TAILS + WEIGHTED) / (TAILS + fit.seen.squares / divided), LEAST)
             steps = tuple(sized(self.record, fit.seen, step) for step in fit.steps)
             noise = fit.noise.tuned(fit.seen.slope, fit.curve) if divided == 1.0 else fit.noise
+            if (steps, noise) == (fit.steps, fit.noise) and np.array_equal(weights, fit.weights):
+                continue
             seen, curve = self.look(steps, weights, noise), fit.curve
             moved, change = np.subtract(noise.figures, fit.noise.figures), seen.slope - fit.seen.slope
             if moved @ change > 0.0:
@@ -117,7 +118,7 @@ class _Searcher:
             # a step that is too long only improves the curvature
             fit = new if divided > 1.0 or new.cost < fit.cost + ACCEPT else replace(fit, curve=curve)
         steps, seen = fit.steps, fit.seen
-        self.fits[steps] = replace(fit, seen=replace(seen, information=np.empty((0, 0, 0)), inner=()))  # memory
+        self.fits[steps] = replace(fit, seen=seen.bare())
         return fit
 
     def converge(self, fit: Fit) -> Fit:
@@ -247,13 +248,14 @@ def search(
     like, steps = known.best if known else like, known.best.steps if known else ()
     noise, curve = (like.noise, like.curve) if like else (Noise(), np.diag(curve))
     start = Fit(steps, weights, noise, np.inf, searcher.look(steps, weights, noise), curve)
-    fit = plain = searcher.converge(searcher.settle(start, steps, GRADUATED))
+    fit = searcher.converge(searcher.settle(start, steps, GRADUATED))
+    plain = fit.cost
     if known and not np.isfinite(fit.cost):
         return search(record, kinds)
     if not np.isfinite(fit.cost) or (not known and most_are_weak(record, fit.weights)):
-        return Search(fit, (), (), searcher.passes, fit, ())
+        return Search(fit, (), (), searcher.passes, ())
     if end and fit.is_lost:
-        return Search(fit, (), (), searcher.passes, fit, (0.0,) * len(steps), complete=False)
+        return Search(fit, (), (), searcher.passes, (0.0,) * len(steps), complete=False)
     if known and end != "once":
         if known.complete and same(fit.steps, steps):
             return replace(known, best=fit, passes=searcher.passes)
@@ -267,9 +269,9 @@ def search(
         fit = searcher.relocate(fit) if complete else fit
     others = [each for each in searcher.fits.values() if each.steps != fit.steps and each.cost < fit.cost + ACCEPT]
     rests = [fit.steps[:i] + fit.steps[i + 1 :] for i in range(len(fit.steps) * (complete and end != "once"))]
-    without = (searcher.settle(fit, rest).cost if rest or known else plain.cost for rest in rests)
+    without = (searcher.settle(fit, rest).cost if rest or known else plain for rest in rests)
     gains = tuple(cost - fit.cost for cost in without) or (0.0,) * len(fit.steps)
-    return Search(fit, tuple(others), tuple(considered), searcher.passes, plain, gains, complete)
+    return Search(fit, tuple(others), tuple(considered), searcher.passes, gains, complete)
 
 
 def search_part(
@@ -309,10 +311,14 @@ def forms_of(steps: Sequence[Step]) -> list[tuple[str, bool]]:
 
 def same(some: Sequence[Step], others: Sequence[Step]) -> bool:
     """Test whether faults have the same kinds and sizes in two records."""
-    return forms_of(some) == forms_of(others) and all(
-        abs(np.sqrt(one.variance / two.variance) - 1.0) <= SAME
-        for one, two in zip(some, others, strict=True)
-        if two.variance
+    return (
+        len(some) == len(others)
+        and forms_of(some) == forms_of(others)
+        and all(
+            abs(np.sqrt(one.variance / two.variance) - 1.0) <= SAME
+            for one, two in zip(some, others, strict=True)
+            if two.variance
+        )
     )
 
 

@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from insnav import spill
 from insnav.findings import Code, of_code
 from insnav.types import FloatArray, Run, Trajectory
 
@@ -48,11 +49,14 @@ def resets_of(run: Run) -> tuple[Jump, ...]:
 
 
 def with_wider_sd(run: Run, wider: Callable[[Trajectory, FloatArray], FloatArray]) -> Run:
-    """Replace the standard deviations of a run, filtered and smoothed."""
+    """Replace the standard deviations of a run, filtered and smoothed, by a row-wise function."""
 
     def changed(solution: Trajectory) -> Trajectory:
         assert solution.sd is not None
-        return replace(solution, sd=wider(solution, solution.sd.copy()))
+        sd = spill.empty(solution.sd.shape)
+        for block in spill.blocks(len(sd)):
+            sd[block] = wider(solution.rows(block), solution.sd[block].copy())
+        return replace(solution, sd=sd)
 
     smoothed = run.smoothed and replace(run.smoothed, solution=changed(run.smoothed.solution))
     poses = run.poses and changed(run.poses)

@@ -184,7 +184,7 @@ def _digits(lla: FloatArray) -> int:
         steps = degrees * 10.0**digits
         return bool((np.abs(steps - np.round(steps)) < 1e-9 * 10.0**digits).all())
 
-    if not whole(5) or min(len(np.unique(each)) for each in degrees.T) < DISTINCT:
+    if len(lla) < DISTINCT or not whole(5) or min(len(np.unique(each)) for each in degrees.T) < DISTINCT:
         return 0
     return next(digits for digits in range(2, 6) if whole(digits))
 
@@ -270,10 +270,9 @@ def with_sd(gps: GpsData, *, scatter_alone: bool = True) -> tuple[GpsData, tuple
         notes.append(
             Finding.of(Code.GPS_VELOCITY_SD_SCATTER, count=missing.sum(), sd_m_s=middle, floor_m_s=VELOCITY_FLOOR)
         )
-    steps, alike = zip(*map(_rounding, v_n.T), strict=True)
+    steps, alike = zip(*map(_rounding, v_n.T), strict=True) if len(v_n) >= DISTINCT else ((0.0,), ())
     step = np.where(steps, steps, max(steps))  # few values: assume the step of the others
-    least = step * np.sqrt(np.column_stack(alike) / 12.0)
-    if (velocity_sd < least).any():
+    if step.any() and (velocity_sd < (least := step * np.sqrt(np.column_stack(alike) / 12.0))).any():
         velocity_sd = np.maximum(velocity_sd, least)
         sd = max(steps) / math.sqrt(12.0)
         notes.append(Finding.of(Code.GPS_ROUNDED_VELOCITY, sd_m_s=sd, step_m_s=max(steps)))

@@ -148,19 +148,18 @@ class Navigator:
         self._aiding.restart(start.time)
 
     def _cuts(self, begin: float, end: float) -> FloatArray:
-        """Return the times at which intervals from `begin` to `end` are cut: start, fixes and wanted poses.
+        """Return times in order at which intervals from `begin` to `end` are cut: start, fixes and wanted poses.
 
         A tenth of a millisecond before a pose of another point, too: its velocity needs the rate at the epoch.
         """
-        every, settings = self._grid[1], self._settings
-        grid = every * np.arange(np.floor(begin / every), np.ceil(end / every) + 1.0) if every > 0.0 else np.empty(0)
-        fixes, wanted = (
-            some[slice(*np.searchsorted(some, [begin, end + strapdown.TIME_TOLERANCE]))]
-            for some in (self._fix_time[self._next :], settings.epochs)
-        )
-        poses = np.empty(0) if settings.point_b is None else wanted if settings.epochs.size else grid
-        cuts = np.sort(np.concatenate([[self._start], fixes, wanted, poses, poses - 100.0 * strapdown.TIME_TOLERANCE]))
-        return np.asarray(cuts[np.diff(cuts, prepend=-np.inf) > strapdown.TIME_TOLERANCE])
+        settings, span = self._settings, [begin, end + strapdown.TIME_TOLERANCE]
+        cuts = [some[slice(*some.searchsorted(span))] for some in (self._fix_time[self._next :], settings.epochs)]
+        if settings.point_b is not None:
+            every, poses = self._grid[1], cuts[1]
+            if every > 0.0 and not settings.epochs.size:
+                poses = every * np.arange(np.floor(begin / every), np.ceil(end / every) + 1.0)
+            cuts += poses, poses - 100.0 * strapdown.TIME_TOLERANCE
+        return np.sort(np.concatenate([*cuts, [self._start]]))
 
     def _begin_grid(self, time: float) -> None:
         """Set the next epochs of the solution: whole multiples of the interval, and those wanted."""
@@ -258,14 +257,12 @@ class Navigator:
         # everything up to the last sample with all its neighbours, including gaps before it
         stop = parts.end.shape[0] - (parts.gap[::-1] == 0.0).cumsum().searchsorted(n - ready, side="left") - 1
         stop = parts.end.shape[0] if last else stop
-        first = int(np.searchsorted(parts.end, max(self._done, self._start + strapdown.TIME_TOLERANCE), side="right"))
+        first = int(parts.end.searchsorted(max(self._done, self._start + strapdown.TIME_TOLERANCE), side="right"))
         if stop > first:
             cuts = self._cuts(parts.end[first] - parts.dt[first], parts.end[stop - 1])
             pieces = strapdown.split(parts, cuts, first, stop)
             inc = strapdown.increments(parts, pieces)
-            last_fix = int(
-                np.searchsorted(self._fix_time, parts.end[stop - 1] + strapdown.TIME_TOLERANCE, side="right")
-            )
+            last_fix = int(self._fix_time.searchsorted(parts.end[stop - 1] + strapdown.TIME_TOLERANCE, side="right"))
             times = self._fix_time[self._next : last_fix]
             if times.size:
                 self._sense(times, self._late[self._next : last_fix], parts)
@@ -291,14 +288,14 @@ class Navigator:
         self._sensed = mean[0], mean[1], swings, older
 
     def _process(self, inc: Increments, gap: FloatArray) -> None:
-        begin = int(np.searchsorted(inc.time, self._start + strapdown.TIME_TOLERANCE))
+        begin = int(inc.time.searchsorted(self._start + strapdown.TIME_TOLERANCE))
         # index of the piece that ends at each fix
         fixes, before = self._fix_time[self._next :], self._next
-        at = np.searchsorted(inc.time, fixes - strapdown.TIME_TOLERANCE)
+        at = inc.time.searchsorted(fixes - strapdown.TIME_TOLERANCE)
         at = at[at < inc.time.shape[0]]
         rows = 3 + int((inc.time[-1] - inc.time[0]) / self._grid[1]) if self._grid[1] > 0.0 else inc.time.shape[0]
         wanted = self._settings.epochs
-        rows += int(np.searchsorted(wanted, inc.time[-1] + 1.0)) - int(self._grid[2])
+        rows += int(wanted.searchsorted(inc.time[-1] + 1.0)) - int(self._grid[2])
         out = self._record.reserve(rows, self._grid, wanted)
         samples = Samples(inc.time, inc.dt, inc.dtheta, inc.dvel, inc.coning, inc.sculling, gap)
         k = begin
@@ -348,7 +345,7 @@ class Navigator:
             if estimate.history is not None:
                 estimate.history.measurement(False, False, z, h, r)
             self._record.event(quality)
-            self._note_fix(time, nis, [False, False])
+            self._record.fix(time, z, self._sd, nis, [False, False], estimate)
             return
         for half, event in enumerate(self._gate(time, row, nis, distance, change, quality)):
             if event is None:
@@ -370,7 +367,7 @@ class Navigator:
             self._rejections.clear()
         elif quality is None and (self._settings.false is None or not self._settings.false[0, row]):
             self._consider_reset(time, row)
-        self._note_fix(time, nis, use)
+        self._record.fix(time, z, self._sd, nis, use, estimate)
 
     def _show(self, time: float, out: Outputs) -> None:
         """Store the state after an epoch in the rows of the solution at its time, if any."""
@@ -379,9 +376,6 @@ class Navigator:
         while row >= 0 and out.time[row] >= time - strapdown.TIME_TOLERANCE:
             out.state[row] = self._estimate.x
             row -= 1
-
-    def _note_fix(self, time: float, nis: tuple[float, float], use: list[bool]) -> None:
-        self._record.fix(time, self._z, self._sd, nis, use, self._estimate)
 
     def _assess(self, row: int) -> tuple[float, float, float, float]:
         """Compute the innovation of a fix, its covariance, NIS of position and velocity, and their lengths."""
@@ -447,8 +441,8 @@ def rates_at(times: FloatArray, end: FloatArray, angles: FloatArray, reach: floa
 
     `end` (n,): of the samples [s]. `angles` (n, 3): from `turned`.
     """
-    window = np.clip(times + np.array([[-reach], [reach]]), end[0], end[-1])
-    row = np.clip(np.searchsorted(end, window), 1, end.size - 1)
+    window = np.minimum(np.maximum(times + np.array([[-reach], [reach]]), end[0]), end[-1])
+    row = np.minimum(np.maximum(end.searchsorted(window), 1), end.size - 1)
     left = ((end[row] - window) / (end[row] - end[row - 1]))[..., None] * (angles[row] - angles[row - 1])
     turn = angles[row[1]] - angles[row[0]] - left[1] + left[0]
     return np.asarray(turn / np.maximum(window[1] - window[0], reach)[:, None])
@@ -456,8 +450,8 @@ def rates_at(times: FloatArray, end: FloatArray, angles: FloatArray, reach: floa
 
 def forces_about(times: FloatArray, parts: strapdown.Intervals, number: int) -> FloatArray:
     """Compute mean specific force of `number` samples before and after each time (k,) [s]: (k, 3) [m/s^2]."""
-    first = np.searchsorted(parts.end - parts.dt, times - strapdown.TIME_TOLERANCE)
-    rows = np.clip(first[:, None] + np.arange(-number, number), 0, parts.end.size - 1)
+    first = (parts.end - parts.dt).searchsorted(times - strapdown.TIME_TOLERANCE)
+    rows = np.minimum(np.maximum(first[:, None] + np.arange(-number, number), 0), parts.end.size - 1)
     dt = parts.dt[rows]
     changes = parts.accel[rows] * dt[..., None] if parts.instant else parts.accel[rows]
     return np.asarray(changes.sum(axis=1) / dt.sum(axis=1)[:, None])

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Container
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -361,7 +361,9 @@ def good_fixes(gps: GpsData, gates: Gates) -> GpsData:
     """Return fixes that pass the quality gate; a start uses only these."""
     keep = pass_quality(gates, gps)
     if not keep.any():
-        raise AlignmentError("gps.no_good_fix")
+        least = float(gps.position_sd.max(axis=1).min())
+        poor: dict[str, Any] = {"sd_m": least, "limit_m": gates.max_sd} if least > gates.max_sd else {"sd_m": np.nan}
+        raise AlignmentError("gps.no_good_fix", **poor)
     return gps.rows(keep)
 
 

@@ -43,12 +43,7 @@ if TYPE_CHECKING:  # a run without a part reads no part file
     from insnav.imu.library import Part
 import datetime
 
-from insnav.config_file import (
-    Axes,
-    Matrix,
-    Model,
-    number,
-)
+from insnav.config_file import Axes, Matrix, Model, number
 from insnav.imu.model import SHAPES, AxisMap, DynamicMap, ErrorTerms, ImuErrors, RawScale
 from insnav.units import si_unit
 

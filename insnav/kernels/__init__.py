@@ -10,6 +10,7 @@ from functools import partial
 from importlib import import_module
 from pathlib import Path
 from pickle import UnpicklingError
+from types import SimpleNamespace
 from typing import Any
 
 from insnav.deferred import deferred
@@ -18,15 +19,31 @@ from insnav.deferred import deferred
 os.environ.setdefault("NUMBA_DISABLE_ERROR_MESSAGE_HIGHLIGHTING", "1")
 with deferred("yaml"):  # numba only tests whether this module exists
     import numba
-from numba.core.caching import FunctionCache
+from numba.core.caching import CompileResultCacheImpl, FunctionCache
+from numba.core.codegen import ll  # type: ignore[attr-defined]
 from numba.core.runtime.nrt import rtsys
 
 CONTENT = hashlib.sha256(b"".join(each.read_bytes() for each in sorted(Path(__file__).parent.glob("*.py")))).hexdigest()
 _NAMED = "numba.cpython.numbers", "numba.np.arrayobj", "numba.np.npyimpl"
 
 
+class _Rebuilt(CompileResultCacheImpl):
+    """Loading of a kernel from its machine code: its bitcode is parsed only to compile another kernel with it."""
+
+    def rebuild(self, target_context: Any, payload: Any) -> Any:
+        (name, kind, (code, bitcode)), entry, *rest = payload
+        target_context.codegen()._engine._defined_symbols |= {entry.llvm_func_name, entry.llvm_cpython_wrapper_name}
+        payload = (name, kind, (code, ll.parse_assembly("").as_bitcode())), entry, *rest
+        kernel = super().rebuild(target_context, payload)  # type: ignore[no-untyped-call]
+        # numba clones a module before it links the module
+        kernel.library._shared_module = SimpleNamespace(clone=partial(ll.parse_bitcode, bitcode))
+        return kernel
+
+
 class _Kept(FunctionCache):
     """Cache of compiled kernels on disk. It loads numba's model of numpy only to compile (0.12 s)."""
+
+    _impl_class = _Rebuilt
 
     def __init__(self, function: Callable[..., Any]) -> None:
         super().__init__(function)  # type: ignore[no-untyped-call]

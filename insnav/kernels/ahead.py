@@ -17,17 +17,7 @@ from typing import Any
 from numba import __version__ as numba_version
 from numba import types
 
-from insnav.kernels import (
-    CONTENT,
-    alignment,
-    epoch,
-    errorstate,
-    increments,
-    linear,
-    measurements,
-    output,
-    smoother,
-)
+from insnav.kernels import CONTENT, alignment, epoch, errorstate, increments, linear, measurements, output, smoother
 from insnav.kernels import noise_likelihood as likelihood
 
 _tuple: Any = types.BaseTuple.from_types
@@ -143,10 +133,10 @@ def _kernels() -> tuple[tuple[tuple[Any, ...], ...], ...]:
         ((smoother.keep, d1, d, *3 * [d1], d2, d2), (epoch.predicted, d1, d, d1, d1, d2, d2, d2, d1, d1)),
         ((alignment.joined, d1, d1, d2, d2, d1, flag, i, i, d2),),
         ((alignment.mean_rotation, d3, d3, d1, d, d3, d2, d1),),
-        ((increments.glance, d2, d2, d1, d1),),
+        ((increments.glance, d2, d2, d1, d1), (increments.interval_ends, d1, d, d, i, d, i, i, d1, d1)),
         ((errorstate.move_along, d2, d1), (errorstate.move_by_motion, d2, i1, d2, d1)),
         ((alignment.window_scatter, d1, d2, d2, flag, *4 * [i], d3, d2),),
-        ((smoother.keep_measurement, d1, i, i, d1, d2, d2),),
+        ((smoother.keep_measurement, d1, i, i, d1, d2, d2), (increments.split, d1, d1, i, i, d1, d, i1, d1, d1)),
         ((measurements.measurement_fault, d1, d2, d2), (measurements.fault_of, d2, d1)),
         ((epoch.fade, d1, i, d1, d1, d2, d2, d1), (epoch.note_epoch, d1, d, *3 * [d1], d2)),
         ((epoch.felt, d1, *4 * [d2], i, d, flag, flag, d1), (epoch.turn, d2, d1), (epoch.not_linear, d2, d1, d2)),

@@ -157,6 +157,51 @@ def turn_factors(angle2):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
+def interval_ends(time, nominal, longest, window, before, first, last, start, end):  # type: ignore[no-untyped-def]
+    """Fill `start` and `end` (n,) [s] of the intervals of samples `first` to `last` - 1, stamped at `time` (n,).
+
+    `before`: share of the interval before its stamp. The `nominal` interval [s] replaces steps with missing samples.
+    These are longer than `longest` nominal intervals, and not compensated by jitter within `window` steps.
+    """
+    n = time.shape[0]
+    for k in range(max(first - 1, 0), last):
+        step = nominal
+        if k < n - 1 and time[k + 1] - time[k] <= longest * nominal:
+            step = time[k + 1] - time[k]
+        elif k < n - 1:
+            begin, stop = max(k - window, 0), min(k + window + 1, n - 1)
+            # up to 4 ms of jitter at 100 Hz moves the ends of the window by 0.8 of a step
+            if time[stop] - time[begin] <= (stop - begin + 0.85) * nominal:
+                step = time[k + 1] - time[k]
+        end[k] = time[k] + (1.0 - before) * step
+        if k < n - 1:
+            start[k + 1] = time[k + 1] - before * step
+    if first == 0:
+        start[0] = time[0] - before * nominal
+
+
+@njit(cache=True)
+def split(end, dt, first, last, times, tolerance, parent, s0, s1):  # type: ignore[no-untyped-def]
+    """Cut intervals `first` to `last` - 1 at `times` (m,) in order [s], but not within `tolerance` of another cut.
+
+    Fills, for each piece, its interval and its start and end as a fraction of it; returns the number of pieces.
+    """
+    count, i, before = 0, 0, -np.inf
+    for k in range(first, last):
+        begin, done = end[k] - dt[k], 0.0
+        while i < times.shape[0] and times[i] - tolerance <= end[k]:
+            time, i = times[i], i + 1
+            if time - before > tolerance and time - begin > tolerance and end[k] - time > tolerance:
+                parent[count], s0[count], s1[count] = k, done, (time - begin) / dt[k]
+                done = s1[count]
+                count += 1
+            before = time
+        parent[count], s0[count], s1[count] = k, done, 1.0
+        count += 1
+    return count
+
+
+@njit(cache=True)
 def increments(  # type: ignore[no-untyped-def]
     instant, end, dt, gyro, accel, segment, weights, stages, parent, s0, s1, dtheta, dvel, coning, sculling
 ):

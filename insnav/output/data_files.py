@@ -93,7 +93,7 @@ _DECIMALS: Decimals = (
     ("time|_rad_s|_m_s2", 9),
     ("_deg", 8),
     ("_m", 6),
-    ("temperature", 3),
+    ("temperature|dop|satellites", 3),
 )
 
 

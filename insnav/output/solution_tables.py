@@ -34,14 +34,14 @@ _EVENTS = ("time_s", "end_s", "code", "severity", "subject", "value", "limit", "
 
 _NAMES: dict[type, str] = {Trajectory: "solution", Innovations: "innovations", SensorErrors: "biases", GpsData: "fixes"}
 _GROUP = 1 << 16  # rows per group of a parquet file
-_OPTIONAL = ("sd", "fix", "heading")  # fields that may be absent
+_OPTIONAL = ("sd", "fix", "heading", "satellites", "dop")  # fields that may be absent
 _DECIMALS: Decimals = (
     ("^lat|^lon", 10),
     ("value|limit", 9),
     ("time|^end_s$|_m_s$|_deg|_mg", 6),
     ("_m$", 5),
     ("nis", 4),
-    ("_ppm", 3),
+    ("_ppm|dop|satellites", 3),
 )
 
 

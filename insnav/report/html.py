@@ -5,9 +5,11 @@ from __future__ import annotations
 import base64
 import hashlib
 import json
+import re
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
 from importlib.util import find_spec
+from io import BytesIO
 from pathlib import Path
 from typing import Any
 
@@ -30,13 +32,8 @@ def filled(template: str, **values: Any) -> str:
 
     `template`: a file of ``templates``; HTML templates escape every value.
     """
-    environment = Environment(
-        loader=FileSystemLoader(_TEMPLATES),
-        autoescape=".html." in template,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
+    how: dict[str, Any] = {"autoescape": ".html." in template, "trim_blocks": True, "lstrip_blocks": True}
+    environment = Environment(loader=FileSystemLoader(_TEMPLATES), undefined=StrictUndefined, **how)
     environment.filters["plain"] = translated
     return environment.get_template(template).render(**values, value=cell, phrase=phrase, modes=modes)
 
@@ -50,10 +47,7 @@ def page_html(page: Page, files: Mapping[str, Path]) -> str:
     return filled(
         "page.html.j2",
         page=page,
-        images={
-            name: f"data:{_MEDIA[file.suffix]};base64,{base64.b64encode(file.read_bytes()).decode('ascii')}"
-            for name, file in files.items()
-        },
+        images={name: _inlined(file.suffix, file.read_bytes()) for name, file in files.items()},
         words=_json_script(catalogue(f"page.{language()}")["words"] | dict(_translations(drawings))),
         lang=language(),
         tables=_tables_of("all", "page"),
@@ -65,13 +59,22 @@ def page_html(page: Page, files: Mapping[str, Path]) -> str:
 
 
 def page_fragment(page: Page) -> str:
-    """Write a report as part of another page, such as a notebook: the terminal content, as tables."""
-    still = tuple(_without_panels(section) for section in page.sections)
-    return filled("fragment.html.j2", page=replace(page, sections=still), images={}, tables=_tables_of("all"))
+    """Write a report as part of another page, such as a notebook: figures of merit, map, first figure, tables."""
+    from insnav.report.figures import drawing
+
+    images = {}
+    for figure in sorted(page.figures, key=lambda each: each.name != "track")[:2]:
+        picture = BytesIO()
+        with drawing():
+            figure.draw().savefig(picture, format="png", dpi=80)
+        images[figure.name] = _inlined(".png", picture.getvalue())
+    style = re.sub(":root|body", "&", (_TEMPLATES / "style.css").read_text(encoding="utf-8"))
+    content = filled("fragment.html.j2", page=page, images=images, tables=_tables_of("all"))
+    return f'<div class="insnav"><style>.insnav {{{style}}}</style>{content}</div>'
 
 
-def _without_panels(section: Section) -> Section:
-    return replace(section, panels=(), parts=tuple(_without_panels(part) for part in section.parts))
+def _inlined(suffix: str, picture: bytes) -> str:
+    return f"data:{_MEDIA[suffix]};base64,{base64.b64encode(picture).decode('ascii')}"
 
 
 def _tables_of(*shown: Show) -> Callable[[Section], list[Table]]:
@@ -85,9 +88,8 @@ def _scripts() -> tuple[str, ...]:
     assert spec is not None
     assert spec.origin is not None
     bokeh = Path(spec.origin).parent / "server" / "static" / "js"
-    return tuple(
-        file.read_text(encoding="utf-8") for file in (*(bokeh / name for name in _BOKEH), _TEMPLATES / "panels.js")
-    )
+    files = *(bokeh / name for name in _BOKEH), _TEMPLATES / "panels.js"
+    return tuple(file.read_text(encoding="utf-8") for file in files)
 
 
 def _policy(scripts: tuple[str, ...]) -> str:

@@ -15,7 +15,7 @@ from insnav.alignment.in_motion import first_motion, velocity
 from insnav.attitude import rph_from_quat
 from insnav.exceptions import AlignmentError, ConfigError, InputError
 from insnav.filter.error_model import Part
-from insnav.filter.gps_noise import MOST, CorrelatedNoise, with_sd
+from insnav.filter.gps_noise import DEFAULT_POSITION, DEFAULT_VELOCITY, MOST, CorrelatedNoise, with_sd
 from insnav.filter.navigator import COAST, Navigator
 from insnav.filter.prepare import AFTER, DELAY_SD, LONGEST_GAP, SHORTEST, GivenStart, Start, prepare, spans
 from insnav.filter.run_recorder import ROOM, Record
@@ -192,10 +192,10 @@ class OnlineFilter:
         """
         times = _array("time", np.atleast_1d(time), None)
         rates, forces = _array("gyro", gyro, (times.size, 3)), _array("accel", accel, (times.size, 3))
-        back = np.flatnonzero(np.diff(times, prepend=self._last) <= 0.0)
-        if back.size:
-            before = times[back[0] - 1] if back[0] else self._last
-            raise InputError("online.time_back", where="imu", time_s=times[back[0]], before_s=before)
+        if times.size and not (times[0] > self._last and (times[1:] > times[:-1]).all()):
+            row = int(np.flatnonzero(np.diff(times, prepend=self._last) <= 0.0)[0])
+            before = times[row - 1] if row else self._last
+            raise InputError("online.time_back", where="imu", time_s=times[row], before_s=before)
         block = ImuData(times, rates, forces, self._nothing.sampling, self._nothing.stamp)
         if times.size and times[-1] - times[0] <= LONGEST_GAP:
             self._take(block)
@@ -235,7 +235,7 @@ class OnlineFilter:
         at, place = _array("time", np.atleast_1d(time), (1,)), _array("lla", lla, (3,))
         if abs(place[0]) > 0.5 * np.pi or abs(place[1]) > 2.0 * np.pi:
             raise InputError("online.not_radians", where="gps", lla=tuple(place))
-        sds, velocity = np.full(6, np.nan), np.full(3, np.nan)
+        sds, velocity = np.array([*DEFAULT_POSITION, *DEFAULT_VELOCITY]), np.full(3, np.nan)
         if sd is not None:
             size = 6 if np.size(sd) == 6 else 3
             sds[:size] = _array("sd", sd, (size,), known=False)
@@ -246,13 +246,14 @@ class OnlineFilter:
         kind = np.array([5 if fix is None else fix])
         found = with_sd(GpsData(at, place[None], velocity[None], sds[None, :3], sds[None, 3:], kind))[0]
         near, moment, gps = strapdown.TIME_TOLERANCE, float(at[0]) - self._settings.delay, self._gps
-        first, after = np.searchsorted(gps.time, [at[0] - near, at[0] + near])
+        first, after = gps.time.searchsorted([at[0] - near, at[0] + near])
         late = self._last - moment
         if first < after or (self._saved and (late > WINDOW or moment <= self._saved[0][0] + near)):
             code = Code.ONLINE_FIX_REPEATED if first < after else Code.ONLINE_FIX_LATE
             self._record.event(Finding.of(code, moment, subject="gps", late_s=late, limit_s=WINDOW))
             return
-        self._gps = gps.rows(slice(first)).joined(found).joined(gps.rows(slice(first, None)))
+        later = gps.rows(slice(first, None))
+        self._gps = gps.rows(slice(first)).joined(found).joined(later) if later.time.size else gps.joined(found)
         if self._aligning or self._nav is None:
             return
         if moment <= self._nav.done + near:

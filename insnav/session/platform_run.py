@@ -14,13 +14,7 @@ from insnav.exceptions import ConfigError, InputError
 from insnav.findings import Code, Finding
 from insnav.gimbal import DAMPING_TIME, INTEGRATORS, Integrator, PlatformErrors, Vertical, navigate_platform
 from insnav.input import Reading, ReadingFacts
-from insnav.input.readers.specific_force import (
-    Heights,
-    LevelAxes,
-    SpecificForce,
-    read_heights,
-    read_specific_force,
-)
+from insnav.input.readers.specific_force import Heights, LevelAxes, SpecificForce, read_heights, read_specific_force
 from insnav.result import Result
 from insnav.session.read import one_from_stdin, read_ref, samples_source
 from insnav.steps.given import one_of

@@ -95,6 +95,9 @@ def read(
 
 def _fixes_beside(imu: Any, inputs: Inputs) -> Reading[GpsData] | None:
     """Read fixes in the rows of the samples; None if most rows have new ones: a solution, usable with --gps."""
+    clock = {"time": (inputs.get("columns") or {}).get("time", "")}
+    if clock["time"] and not inputs.get("gps_columns"):
+        inputs = {**inputs, "gps_columns": clock}
     with suppress(InputError):  # no fixes were specified
         found = _read_gps(imu, inputs)
         return found if found.facts.n_used < MOST_FIXES * found.facts.n_rows else None
@@ -112,7 +115,7 @@ def _parts(sources: Mapping[str, Any], inputs: Inputs) -> dict[str, Any]:
     topics = _topics(inputs, [key for tables in logs.values() for key in tables])
     given = dict(sources)
     if given.get("gps", "") is None and any(
-        key.startswith("gps") or (key == "" and given.get("reference") is None and _has_positions(table))
+        key.startswith("gps") or (key == "" and _has_positions(table))
         for key, table in logs.get(str(given["imu"]), {}).items()
     ):
         given["gps"] = given["imu"]

@@ -5,9 +5,10 @@ from __future__ import annotations
 from dataclasses import replace
 
 from insnav.alignment.in_motion import first_motion, velocity
-from insnav.exceptions import AlignmentError, InputError
-from insnav.filter.gates import UNUSABLE, Gates, pass_quality, without_frozen
+from insnav.exceptions import InputError
+from insnav.filter.gates import UNUSABLE, Gates, without_frozen
 from insnav.filter.gps_noise import with_sd
+from insnav.filter.prepare import good_fixes
 from insnav.findings import Finding
 from insnav.input import Reading
 from insnav.spill import blocks
@@ -33,8 +34,8 @@ def clean(recording: Recording, model: Model) -> tuple[Recording, Model, tuple[F
     _refuse_zero_triad(recording.imu, fixes)
     moving = without_frozen(fixes, recording.imu.data)[0]
     moving = moving.rows(moving.position_sd[:, 0] < UNUSABLE)
-    if moving.time.shape[0] == 0 and not pass_quality(Gates(), fixes).any():
-        raise AlignmentError("gps.no_good_fix")
+    if moving.time.shape[0] == 0:
+        good_fixes(fixes, Gates())
     return replace(recording, fixes_by_scatter=moving), model, ()
 
 

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from insnav import spill
 from insnav.filter.navigate import dense, navigate_prepared
 from insnav.filter.noise_identification import with_careful_biases
 from insnav.findings import Finding, added
@@ -30,5 +31,6 @@ def navigate(recording: Recording, model: Model) -> tuple[Recording, Model, tupl
         point_b=vector("point", task.point),
     )
     ready = replace(ready, settings=settings)
+    spill.trim()  # arrays of the searches
     solved = navigate_prepared(ready, model.filter_imu, aiding=task.aiding, progress=task.progress)
     return recording, replace(model, ready=ready, solved=solved), added(ready.findings, solved.findings)

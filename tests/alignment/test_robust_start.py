@@ -96,6 +96,7 @@ def test_no_good_fix_is_an_error(drive):
         with pytest.raises(AlignmentError, match=r"gps.no_good_fix") as caught:
             navigated(drive, gps)
         assert caught.value.fix
+    assert caught.value.values["sd_m"] == 500.0  # of the poor ones
 
 
 @pytest.mark.parametrize("span", [(505.0, 505.005), (504.995, 505.1), (9000.0, 9100.0)])

@@ -4,15 +4,17 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
+import pytest
 
 import insnav
 from insnav.filter.estimate import Engine
+from insnav.simulate.recording import load_gps
 from insnav.types import GpsData, ImuData
 
-# Twenty microseconds a sample are two hundred a block, where a predict of 21 states by filterpy takes five. A block
-# cost 31 predicts when this was written.
+# Twenty microseconds a sample are two hundred a block, where a predict of 21 states by filterpy takes five.
 BLOCK, PREDICTS, LATE = 10, 40.0, 3.0
 REPEATS = 5
 
@@ -27,9 +29,9 @@ def best(work: Callable[[], object]) -> float:
     return min(taken)
 
 
-def started() -> tuple[insnav.OnlineFilter, ImuData, GpsData]:
+def started(often: float = 1.0) -> tuple[insnav.OnlineFilter, ImuData, GpsData]:
     """A filter that has navigated for a while."""
-    made = insnav.simulate("city", imu="automotive", gps="single", seed=3)
+    made = insnav.simulate("city", imu="automotive", gps=replace(load_gps("single"), rate=often), seed=3)
     assert made.gps is not None
     imu, gps = made.imu.data, made.gps.data
     nav = insnav.OnlineFilter("automotive", lever_arm=(0.0, 0.0, 0.0), gps_delay=0.0)
@@ -49,8 +51,10 @@ def feed(nav: insnav.OnlineFilter, imu: ImuData, gps: GpsData, late: float = 0.0
             row += 1
 
 
-def test_a_block_costs_few_predicts_of_the_filter() -> None:
-    nav, imu, gps = started()
+@pytest.mark.parametrize("often", [1.0, 5.0], ids=["1 Hz", "5 Hz"])
+def test_a_block_costs_few_predicts_of_the_filter(often: float) -> None:
+    """With fixes at some rate."""
+    nav, imu, gps = started(often)
     engine, number = Engine(np.eye(21)), 400
     phi, q = np.eye(21), np.zeros((21, 21))
     predicts, blocks = [], []

@@ -2,19 +2,27 @@
 
 from __future__ import annotations
 
+import weakref
 from dataclasses import replace
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
 import pytest
 
 import insnav
+from insnav import spill
+from insnav.explain import explanation
+from insnav.explain import record as record_module
 from insnav.explain.explanation import faults_in
 from insnav.explain.kinds import KINDS, RETURN
 from insnav.explain.record import FAULTS, TAILS, WEIGHTED, LinearRecord, Noise, Step
-from insnav.explain.search import Fit, Search, search
+from insnav.explain.search import Fit, Search, same, search, search_part
+from insnav.filter.navigator import Navigator
+from insnav.filter.prepare import Prepared
 from insnav.kernels.dynamics import NAV
 from insnav.steps import PREPARE, run_steps
+from insnav.types import ImuData
 
 BEGIN, END = 120, 170  # epochs
 NEAR = 3  # epochs by which a time may be off
@@ -25,11 +33,16 @@ PASSING = {"offset": 15.0, "drag": 1.0, "followed_drag": 1.0, "velocity_offset":
 
 
 @lru_cache(maxsize=1)
-def nominal() -> LinearRecord:
+def prepared() -> Prepared:
     drive = insnav.simulate("figure_eight", imu="automotive", seed=1)
     ready = run_steps(PREPARE[:1], drive.recording, drive.model)[1].ready
     assert ready is not None
-    return LinearRecord.of(ready)[0]
+    return ready
+
+
+@lru_cache(maxsize=1)
+def nominal() -> LinearRecord:
+    return next(LinearRecord.of(prepared()))
 
 
 def drawn(seed: int, step: Step | None = None, size: float = 0.0, weak: int = 0) -> LinearRecord:
@@ -85,6 +98,32 @@ def test_a_single_false_fix_is_weak_and_no_fault() -> None:
     assert found.best.weights[100, 0] == pytest.approx((TAILS + 3.0) / (TAILS + distance), rel=0.1)
 
 
+def test_a_long_record_is_made_and_searched_in_parts(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Memory is that of one block of samples, and of one part besides the first, however long the drive is."""
+    ready, known, living, rows = prepared(), list[Any](), list[int](), list[int]()
+    monkeypatch.setattr(spill, "ROWS", 2000)
+    monkeypatch.setattr(record_module, "LONGEST", 64)
+    monkeypatch.setattr(record_module, "SHORTEST", 32)
+    fed = Navigator.feed
+
+    def feed(self: Navigator, imu: ImuData) -> None:
+        rows.append(imu.time.size)
+        fed(self, imu)
+
+    def part(record: LinearRecord, *rest: Any) -> tuple[LinearRecord, Search]:
+        known.append(weakref.ref(record.system[1]))
+        living.append(sum(each() is not None for each in known))
+        return search_part(record, *rest)
+
+    monkeypatch.setattr(Navigator, "feed", feed)
+    monkeypatch.setattr(explanation, "search_part", part)
+    found = explanation.explain_faults(ready, KINDS)[1]
+    assert (max(rows), sum(rows)) == (2000, ready.imu.time.size)
+    assert len(living) >= 4
+    assert max(living) == 2
+    assert found.between[0].size > 4 * 32
+
+
 def test_a_return_ends_displacements_of_the_fixes_alone() -> None:
     record = nominal()
     steps = (
@@ -96,7 +135,7 @@ def test_a_return_ends_displacements_of_the_fixes_alone() -> None:
     )
     weights = np.ones((record.time.size, WEIGHTED.size))
     best = Fit(steps, weights, Noise(), 0.0, record.run(steps, weights, Noise()), np.eye(5))
-    gyro, drag, passing, jump = faults_in(record, Search(best, (), (), 0, best, (1.0,) * len(steps)))
+    gyro, drag, passing, jump = faults_in(record, Search(best, (), (), 0, (1.0,) * len(steps)))
     assert np.isinf(gyro.end)
     assert (drag.end, drag.back) == (record.time[80], record.time[150])
     assert (passing.end, passing.back) == (record.time[95], record.time[95])
@@ -208,3 +247,11 @@ def test_figures_of_noise_stay_near_their_prior() -> None:
     for number in range(len(noise.figures)):
         assert abs(noise.moved(50.0 * np.eye(5)[number]).figures[number]) <= 3.0
         assert abs(noise.moved(-50.0 * np.eye(5)[number]).figures[number]) <= 3.0
+
+
+def test_faults_of_which_one_record_has_more_are_not_the_same():
+    """Only faults of the IMU were counted, and all compared in pairs: a drive ended with a ValueError."""
+    imu, fix = Step(OF["gyro_z"], 40, 1e-4), Step(OF["offset"], 90, 100.0)
+    assert same((imu, fix), (imu, fix))
+    assert not same((imu,), (imu, fix))
+    assert not same((imu, fix), (replace(imu, variance=1.0), fix))

@@ -1,8 +1,9 @@
 """Mutated recordings of each format through the whole of insnav, and how many ended in a defect or silently wrong.
 
-``python -m tests.input.mutations [--count 200] [--seed 1] [FORMAT ...]`` writes a simulated drive in each format,
-changes it at random (a digit, a range of bytes, the end, two columns), navigates it, and compares with the truth.
-*Silently wrong*: a result without a warning, with more than a tenth of its epochs outside 3 sd.
+``python -m tests.input.mutations [--count 200] [--seed 1] [--log LOG] [FORMAT ...]`` writes a simulated drive in each
+format, changes it at random (a digit, a range of bytes, the end, two columns), navigates it, and compares with the
+truth. *Silently wrong*: a result without a warning, with more than a tenth of its epochs outside 3 sd. ``--count 0 --log
+LOG --report reports/mutations.md`` makes the page of all that the log holds.
 """
 
 from __future__ import annotations
@@ -11,6 +12,7 @@ import argparse
 import json
 import random
 import re
+import resource
 import tempfile
 import traceback
 from collections import Counter
@@ -252,6 +254,43 @@ def _outcome(files: Files, folder: Path, clean: Recording, misses: Callable[[Any
     return ("SILENT" if share > 0.1 else "right"), f"{how}: {share:.2f}"
 
 
+def page(log: Path) -> str:
+    """Return the outcomes in a log as a page: formats by rows."""
+    counts: dict[str, Counter[str]] = {}
+    peak = 0.0
+    for name, outcome, how in map(json.loads, log.read_text(encoding="utf-8").splitlines()):
+        if outcome == "peak":
+            peak = max(peak, how)
+        elif outcome != "clean":
+            counts.setdefault(name, Counter())[outcome] += 1
+    kinds = {"right": "right", "warned": "warned", "refused": "refused", "SILENT": "silently wrong", "DEFECT": "defect"}
+    counts["all"] = sum(counts.values(), Counter())
+    lines = [
+        f"| {name} | {own.total()} | " + " | ".join(str(own[kind]) for kind in kinds) + " |"
+        for name, own in counts.items()
+    ]
+    share = 100.0 * counts["all"]["SILENT"] / counts["all"].total()
+    return PAGE.format(
+        version=insnav.__version__,
+        names=" | ".join(kinds.values()),
+        lines="\n".join(lines),
+        share=share,
+        peak=peak / 1e3,
+    )
+
+
+PAGE = """# Mutated files
+
+Version {version}; made by `python -m tests.input.mutations`, which explains the words.
+
+| format | files | {names} |
+| --- | ---: | ---: | ---: | ---: | ---: | ---: |
+{lines}
+
+Silently wrong: {share:.2f} %. Largest memory of a process: {peak:.2f} GB.
+"""
+
+
 def main() -> None:
     """Print a table of outcomes by format, and every silent or defective one."""
     parser = argparse.ArgumentParser(description=__doc__)
@@ -259,7 +298,11 @@ def main() -> None:
     parser.add_argument("--count", type=int, default=200)
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--log", type=Path)
+    parser.add_argument("--report", type=Path)
     given = parser.parse_args()
+    if given.report and not given.count:
+        given.report.write_text(page(given.log), encoding="utf-8")
+        return
     samples, fixes, truth = drive()
     total: Counter[str] = Counter()
     for name, files in written(samples, fixes).items():
@@ -274,6 +317,9 @@ def main() -> None:
             if given.log:
                 with given.log.open("a") as log:
                     log.write(json.dumps([name, outcome, how]) + "\n")
+        if given.log:
+            with given.log.open("a") as log:
+                log.write(json.dumps([name, "peak", resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e3]) + "\n")
         total += counts
         print(f"{name}: {dict(counts)}", flush=True)
     print(f"all: {dict(total)}")

@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 
 import insnav
-from insnav.exceptions import InputError
+from insnav.exceptions import ConfigError, InputError
 from insnav.findings import Code, of_code
 from insnav.input import read_gps, read_imu, read_reference
 from insnav.input.formats.registry import open_tables
+from insnav.session.read import read_samples
 from tests.input import written_logs as logs
 from tests.input.files import G, noted
 from tests.input.recordings import FIXES, REAL, SAMPLES, TOW, UNIX, Motion, real, same_places
@@ -79,6 +80,37 @@ def test_an_imu_that_gravity_does_not_tell_is_refused(save):
         open_tables(save(data))
     assert caught.value.values["types"] == ()
     assert "RAWIMUS" in caught.value.values["message"]
+
+
+class Rocking(Motion):
+    """A vehicle that rolls: gravity rotates in its axes as the gyros say. With the noise of an IMU."""
+
+    noise = 2e-4 * np.random.default_rng(5).normal(size=(len(SAMPLES.t), 3))
+    roll = property(lambda self: 0.3 * np.sin(0.8 * self.t))
+    gyro = property(lambda self: self.noise + np.outer(0.24 * np.cos(0.8 * self.t), [1.0, 0.0, 0.0]))
+    accel = property(lambda self: -G * np.column_stack([0.0 * self.t, np.sin(self.roll), np.cos(self.roll)]))
+
+
+def test_the_rotation_of_gravity_shows_the_scale_of_the_gyros(save):
+    """IMU-CPT and iIMU-FSAS have the same scale of velocities, and of angles in rad and in deg."""
+    motion = Rocking(SAMPLES.t)
+    read = read_imu(save(logs.novatel(motion, typed=False, scales=logs.IMU_CPT))).data
+    assert np.allclose(read.gyro / 0.01, motion.gyro, atol=2e-5)
+
+
+def test_a_record_at_rest_of_an_unknown_imu_is_asked_for(save):
+    class Still(Rocking):
+        gyro = Rocking.noise
+        accel = np.tile([0.0, 0.0, -G], (len(SAMPLES.t), 1))
+
+    path = save(logs.novatel(Still(SAMPLES.t), typed=False, scales=logs.IMU_CPT))
+    with refused(ConfigError, "format.several_scales") as caught:
+        insnav.allan(path)
+    assert caught.value.values["topics"] == ("iIMU-FSAS", "IMU-CPT")
+    noise = caught.value.values["noise_rad_sqrt_s"]
+    assert noise == pytest.approx((2e-5 * np.pi / 180.0, 2e-5), rel=0.1)  # of 2e-4 rad/s at 100 Hz
+    read = read_samples(path, {"topic": "IMU-CPT"}, bench="noise").data
+    assert np.allclose(read.gyro / 0.01, Rocking.noise, atol=2e-5)
 
 
 def test_novatel_text(save):

@@ -103,6 +103,11 @@ GPS = {
     "fix": ("fix", None),
     "Q": ("fix", None),
     "fix_type": ("fix", None),
+    "nsat": ("satellites", None),
+    "numSV": ("satellites", None),
+    "satellites_used": ("satellites", None),
+    "pDOP": ("dop", None),
+    "HDOP": ("dop", None),
 }
 
 
@@ -129,7 +134,7 @@ def _check(header, expected, schema):
 
 @pytest.mark.parametrize(
     "header",
-    ["nsat", "mag_x", "gyro_bias_x", "pressure", "lat_lon", "angular_velocity_covariance[0]", "", "x"],
+    ["battery", "mag_x", "gyro_bias_x", "pressure", "lat_lon", "angular_velocity_covariance[0]", "", "x"],
 )
 def test_other_columns_are_left_alone(header):
     assert match_header(header, IMU_SCHEMA) is None
@@ -256,7 +261,7 @@ SLIPS = {
 
 
 def test_did_you_mean_is_right_nine_times_in_ten():
-    decoys = ["nsat", "pressure", "mag_y", "status", "hdop", "battery", "counter"]
+    decoys = ["led", "pressure", "mag_y", "status", "volts", "battery", "counter"]
     tried, right = 0, 0
     for key, slips in SLIPS.items():
         quantity = next(q for q in (*IMU_SCHEMA, *GPS_SCHEMA) if q.key == key)

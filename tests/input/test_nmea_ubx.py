@@ -63,6 +63,7 @@ def ubx(motion: Motion = FIXES, *, samples: Motion | None = None, **others: int)
             "nano": round(float(second) % 1 * 1e9), "fixType": 3, "gnssFixOk": 1, "diffSoln": 1, "carrSoln": 2,
             "numSV": 20, "lon": lla[1], "lat": lla[0], "height": round(lla[2] * 1e3), "hMSL": 0, "hAcc": 20,
             "vAcc": 30, "velN": round(v[0] * 1e3), "velE": round(v[1] * 1e3), "velD": round(v[2] * 1e3), "sAcc": 100,
+            "pDOP": 1.25,
         }  # fmt: skip
         parts.append((t + 0.03, UBXMessage("NAV", "NAV-PVT", GET, **(fields | others)).serialize()))
     for t, w, f in zip(samples.t, samples.gyro, samples.accel, strict=True) if samples else ():
@@ -94,6 +95,7 @@ def test_nmea_gives_time_place_velocity_quality_and_sd(save, rmc):
     assert np.abs(data.v_n[:, 2]).max() < 0.01  # from the heights
     assert np.allclose(data.position_sd, [0.3, 0.4, 0.9])
     assert set(data.fix) == {1}
+    assert (set(data.satellites), set(data.dop)) == ({12.0}, {0.8})
 
 
 def test_a_new_day_does_not_turn_the_clock_back(save):
@@ -110,6 +112,18 @@ def test_sentences_with_a_wrong_checksum_are_left_out_and_counted(save):
     (damaged,) = noted(reading, Code.READ_ROWS_DAMAGED)
     assert (damaged.subject, damaged["count"]) == ("NMEA", 3)
     assert np.isnan(reading.data.position_sd[:, 0]).sum() == 3
+
+
+def test_exchanged_fields_that_the_checksum_does_not_show_are_no_positions(save):
+    """The checksum is the same in any order. Longitude and dilution of precision exchanged moved a drive to 0.8'."""
+    lines = []
+    for line in nmea(rmc=False).split(b"\n"):
+        words = line.split(b",")
+        if words[0].endswith(b"GGA"):
+            words[4], words[8] = words[8], words[4]
+        lines.append(b",".join(words))
+    with refused(InputError, "format.nmea_no_position"):
+        read_gps(save(b"\n".join(lines)))
 
 
 def test_altitude_without_separation_is_height_above_sea_level(save):
@@ -133,6 +147,7 @@ def test_ubx_gives_what_pyubx2_reads(save):
     assert np.allclose(data.v_n, FIXES.v_n, atol=6e-4)
     assert np.allclose(data.position_sd, [0.02 / 2**0.5, 0.02 / 2**0.5, 0.03])
     assert set(data.fix) == {1}
+    assert (set(data.satellites), set(data.dop)) == ({20.0}, {1.25})
     with path.open("rb") as stream:
         theirs = [message for _, message in UBXReader(stream)]
     assert np.allclose(np.degrees(data.lla[:, 0]), [each.lat for each in theirs], atol=1e-12)

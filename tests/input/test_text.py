@@ -3,6 +3,7 @@ from __future__ import annotations
 import gzip
 import io
 import sys
+import tracemalloc
 
 import numpy as np
 import pyarrow as pa
@@ -13,6 +14,7 @@ from insnav.exceptions import InputError
 from insnav.findings import Code
 from insnav.input import read_imu
 from insnav.input.formats import delimited_text
+from insnav.input.formats.source import Source
 from insnav.input.formats.text_dialect import Dialect
 from tests.input.files import IMU_HEADER, as_text, rolling, write
 from tests.refusals import refused
@@ -287,3 +289,16 @@ def test_arrow_has_let_go_of_the_data_when_a_file_was_read():
         for _ in range(100):
             delimited_text._if_valid(delimited_text._read_fast, text, dialect, [0, 1, 2])
             assert sys.getrefcount(text) == held
+
+
+def test_a_line_of_a_large_file_is_found_in_little_memory():
+    """A file of 1.7 GB took 6.8 GB to say in which line its time jumps back."""
+    row = ",".join(["0.123456789"] * 9).encode() + b"\n"
+    text = b"a,b,c,d,e,f,g,h,i\n" + 200_000 * row
+    cells = delimited_text.read(Source("large.csv", "", text))[""].cells
+    tracemalloc.start()
+    try:
+        assert cells.line(190_000) == "190002"
+        assert tracemalloc.get_traced_memory()[1] < len(text) / 2
+    finally:
+        tracemalloc.stop()

@@ -14,7 +14,9 @@ from insnav.exceptions import InputError
 from insnav.findings import Code
 from insnav.input import read_gps, read_imu, read_reference
 from insnav.input.interpret.columns import match_header
+from insnav.input.interpret.physics import find_time_unit
 from insnav.input.interpret.schema import GPS_SCHEMA
+from insnav.session.read import read
 from tests.input.files import IMU_HEADER, fixes, noted, rolling
 from tests.refusals import refused
 
@@ -272,3 +274,82 @@ def test_the_course_tells_the_unit_of_attitude_without_one(tmp_path, unit, bends
     code = Code.READ_ANGLES_ATTITUDE_BY_COURSE if unit == "rad" else Code.READ_ANGLES_ATTITUDE_ASSUMED
     (told,) = noted(reading, code)
     assert (told["columns"], told["unit"]) == (("roll", "pitch", "yaw"), unit)
+
+
+def _same_samples(path: Path, imu: np.ndarray) -> None:
+    reading = read_imu(path)
+    np.testing.assert_allclose(reading.data.time - reading.data.time[0], imu[:, 0] - imu[0, 0], atol=1e-5)
+    np.testing.assert_allclose(reading.data.gyro, imu[:, 1:4], atol=1e-8)
+    np.testing.assert_allclose(reading.data.accel, imu[:, 4:], atol=1e-7)
+
+
+def test_ros2_topic_echo_has_no_header(tmp_path):
+    """All fields of sensor_msgs/Imu and sensor_msgs/NavSatFix in their order, with the frame in the third."""
+    imu, place = rolling(), fixes(30)
+    whole, nano = np.divmod(np.round((imu[:, 0] + START) * 1e9), 1e9)
+    none, (gyro, accel) = (
+        ",0.0" * 9,
+        ([",".join(map(repr, row)) for row in part.tolist()] for part in (imu[:, 1:4], imu[:, 4:])),
+    )
+    lines = [
+        f"{int(s)},{int(n)},imu,0.0,0.0,0.0,1.0{none},{w}{none},{f}{none}"
+        for s, n, w, f in zip(whole, nano, gyro, accel, strict=True)
+    ]
+    (tmp_path / "imu.csv").write_text("\n".join(lines))
+    _same_samples(tmp_path / "imu.csv", imu)
+    lines = [
+        f"{int(t + 1e6)},0,gps,0,1,{lat!r},{lon!r},{height!r},2.25,0.0,0.0,0.0,4.0,0.0,0.0,0.0,9.0,2"
+        for t, lat, lon, height in place[:, :4].tolist()
+    ]
+    (tmp_path / "fix.csv").write_text("\n".join(lines))
+    data = read_gps(tmp_path / "fix.csv").data
+    np.testing.assert_allclose(np.degrees(data.lla[:, :2]), place[:, 1:3], atol=1e-12)
+    np.testing.assert_allclose(data.position_sd[0], [2.0, 1.5, 3.0])
+
+
+NAMES = {
+    "PlotJuggler": "__time,/imu/data/angular_velocity/?,/imu/data/linear_acceleration/?",
+    "HyperIMU": "Timestamp,icm45631 ICM45631 Gyroscope Non-wakeup.?,icm45631 ICM45631 Accelerometer Non-wakeup.?",
+}
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_names_behind_a_topic_or_a_chip(tmp_path, name):
+    imu = rolling()
+    time, gyro, accel = NAMES[name].split(",")
+    header = ",".join([time, *(word.replace("?", axis) for word in (gyro, accel) for axis in "xyz")])
+    rows = np.column_stack([imu[:, 0] + START, imu[:, 1:]])
+    _same_samples(_table(tmp_path / "log.csv", header, rows, "%.6f " + "%.9f " * 6), imu)
+
+
+@pytest.mark.parametrize(
+    ("unit", "size", "step"), [("ms", 1e-3, 0.01), ("us", 1e-6, 0.1), ("ns", 1e-9, 1.0), ("s", 1.0, 1.0)]
+)
+def test_unix_time_has_the_unit_of_its_size(unit, size, step):
+    """Fixes held in the rows of samples have steps of 20, which might be seconds."""
+    time = (START + step * np.arange(100)) / size
+    assert find_time_unit(time, None, slowest=45.0, where="gps.csv")[0] == unit
+
+
+def test_sensors_by_turns_with_names(tmp_path):
+    imu = rolling()
+    rows = [f"{r[0]:.6f},{name}," + ",".join(f"{x:.9f}" for x in r[1:]) for r in imu for name in ("front", "rear")]
+    path = tmp_path / "imu.csv"
+    path.write_text("\n".join(["time,sensor_id,gx,gy,gz,ax,ay,az", *rows, ""]))
+    _same_samples(path, imu)
+    (found,) = noted(read_imu(path), Code.READ_ROWS_INSTANCE)
+    assert (found["column"], found["number"], found["count"]) == ("sensor_id", "front", 2)
+
+
+def test_a_time_column_named_for_samples_is_that_of_the_fixes_beside_them(tmp_path):
+    imu, place = rolling(), fixes(30)[np.repeat(np.arange(30), 100), 1:4]
+    rows = np.column_stack([imu, place])
+    header = "Zeit,gx,gy,gz,ax,ay,az,lat,lon,height"
+    path = _table(tmp_path / "log.csv", header, rows, "%.6f " + "%.9f " * 9)
+    assert read(path, None, None, {"columns": {"time": "Zeit"}}).gps is not None
+    assert read(path, None, read_reference_of(tmp_path), {"columns": {"time": "Zeit"}}).gps is not None
+
+
+def read_reference_of(folder: Path) -> Path:
+    """A reference, which is no reason to leave out the fixes of the log."""
+    return _table(folder / "ref.csv", "time_s,lat_deg,lon_deg,height_m", fixes(30)[:, :4], "%.6f " + "%.9f " * 3)

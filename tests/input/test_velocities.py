@@ -54,6 +54,47 @@ def confusion(gps: GpsData) -> str:
 def test_true_fixes_are_not_accused():
     for seed in range(10):
         assert confusion(fixes(seed)) == ""
+        for course in (0.0, 3.0, 45.0, 88.0):
+            assert confusion(straight(course, seed)) == ""
+
+
+def straight(course: float, seed: int) -> GpsData:
+    """Fixes of a straight drive at 8 m/s, with noise of 1 m and 0.1 m/s."""
+    rng, time = np.random.default_rng([76, seed]), np.arange(120.0)
+    v_n = 8.0 * np.array([np.cos(np.deg2rad(course)), np.sin(np.deg2rad(course)), 0.0])
+    metres = np.outer(time, v_n) + rng.normal(size=(120, 3))
+    lla = [0.8, 0.2, 100.0] + metres / [6.37e6, 6.37e6 * np.cos(0.8), -1.0]
+    noisy = v_n + 0.1 * rng.normal(size=(120, 3))
+    return GpsData(time, lla, noisy, np.ones((120, 3)), np.full((120, 3), 0.1))
+
+
+@pytest.mark.parametrize("course", [20.0, 70.0, 160.0])
+def test_forward_velocities_of_a_straight_drive_are_not_north_or_east(course):
+    for seed in range(3):
+        gps = straight(course, seed)
+        speed = np.linalg.norm(gps.v_n[:, :2], axis=1)
+        for forward in (0, 1):  # of drivers that publish forward, left, up as x, y, z and as y, x, -z
+            v_n = np.zeros_like(gps.v_n)
+            v_n[:, forward] = speed
+            assert confusion(replace(gps, v_n=v_n)) == "velocity_in_vehicle"
+
+
+def test_velocities_of_a_vehicle_that_moves_sideways_are_recognised():
+    """A multicopter whose nose is 40 deg off its course."""
+    c, s = np.cos(np.deg2rad(40.0)), np.sin(np.deg2rad(40.0))
+    for seed in range(3):
+        gps = fixes(seed)
+        v_n = _forward(gps.v_n) @ [[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]]
+        assert confusion(replace(gps, v_n=v_n)) == "velocity_in_vehicle"
+
+
+def test_a_vertical_velocity_alone_is_no_velocity(tmp_path):
+    """Columns forward, left, up: the vertical one alone made every velocity a rejected one."""
+    gps = straight(20.0, 0)
+    rows = np.column_stack([gps.time, np.rad2deg(gps.lla[:, :2]), gps.lla[:, 2], gps.v_n])
+    names = ["time_s", "lat_deg", "lon_deg", "height_m", "vel_forward", "vel_left", "vel_up"]
+    pd.DataFrame(rows, columns=names).to_csv(tmp_path / "gps.csv", index=False)
+    assert not np.isfinite(read_gps(tmp_path / "gps.csv").data.v_n).any()
 
 
 def test_false_fixes_and_an_outage_are_no_confusion():

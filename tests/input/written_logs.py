@@ -111,10 +111,21 @@ def _novatel(number: int, t: float, body: bytes, *, short: bool = False) -> byte
     return head + body + struct.pack("<I", _crc32(head + body))
 
 
-def novatel(motion: Motion = SAMPLES, fixes: Motion = FIXES, *, imu_type: int = 32, typed: bool = True) -> bytes:
+STIM300 = np.radians(2.0**-21), 2.0**-22  # scales of increments [rad], [m/s], OM-20000169
+IMU_CPT = 0.1 / (3600.0 * 256.0), 0.05 / 2.0**15
+
+
+def novatel(
+    motion: Motion = SAMPLES,
+    fixes: Motion = FIXES,
+    *,
+    imu_type: int = 32,
+    typed: bool = True,
+    scales: tuple[float, float] = STIM300,
+) -> bytes:
     """OM-20000169: BESTPOS, BESTVEL, INSPVAS, and RAWIMUSX of a STIM300, whose axes are Right, Forward, Up.
 
-    `typed`: else RAWIMUS, which does not say of which IMU it is.
+    `typed`: else RAWIMUS, which does not say of which IMU it is. `scales`: of increments of angle and velocity.
     """
     parts = [(-1.0, b"<OK\r\n[COM1]")]
     for t, lla, v, heading in zip(fixes.t, fixes.lla, fixes.v_n, fixes.heading, strict=True):
@@ -127,7 +138,7 @@ def novatel(motion: Motion = SAMPLES, fixes: Motion = FIXES, *, imu_type: int = 
         parts.append((t, _novatel(508, t, body, short=True)))
     for t, w, f in zip(motion.t, motion.gyro, motion.accel, strict=True):
         (wx, wy, wz), (fx, fy, fz) = (each[[1, 0, 2]] * [1, 1, -1] * 0.01 for each in (w, f))
-        gyro, accel = np.radians(2.0**-21), 2.0**-22
+        gyro, accel = scales
         counts = [round(x) for x in (fz / accel, -fy / accel, fx / accel, wz / gyro, -wy / gyro, wx / gyro)]
         head = struct.pack("<BBHd", 0, imu_type, WEEK, TOW + t) if typed else struct.pack("<Id", WEEK, TOW + t)
         parts.append((t, _novatel(1462 if typed else 325, t, head + struct.pack("<I6i", 0, *counts), short=True)))
@@ -139,7 +150,7 @@ def novatel_ascii(fixes: Motion = FIXES, motion: Motion | None = None) -> bytes:
     lines = []
     for t, w, f in zip(*((motion.t, motion.gyro, motion.accel) if motion else ((), (), ())), strict=True):
         (wx, wy, wz), (fx, fy, fz) = (each[[1, 0, 2]] * [1, 1, -1] * 0.01 for each in (w, f))
-        gyro, accel = np.radians(2.0**-21), 2.0**-22
+        gyro, accel = STIM300
         counts = [round(x) for x in (fz / accel, -fy / accel, fx / accel, wz / gyro, -wy / gyro, wx / gyro)]
         when = f"{WEEK},{TOW + t:.3f}"
         body = f"RAWIMUSA,{when};{WEEK},{TOW + t:.9f},000d0077,{','.join(map(str, counts))}"

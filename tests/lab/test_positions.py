@@ -69,3 +69,19 @@ def test_means_that_do_not_determine_the_triad_are_refused(tmp_path):
         insnav.calibrate("accel", table(tmp_path / "six.csv", faces=FACES[:4]))
     with refused(InputError, "lab.output_reversed"):
         insnav.calibrate("accel", table(tmp_path / "six.csv", scale=-1.0))
+
+
+def test_six_means_alone_give_their_faces_and_their_unit(tmp_path):
+    """Only the outputs, in any order: in each position one axis is vertical. The scale then is that of the same file."""
+    whole = table(tmp_path / "whole.csv", noise=1e-3)
+    lines = [line.split(",") for line in whole.read_text().splitlines()]
+    kept = [1, 4, 7]  # without the true ones and the scatter
+    bare = tmp_path / "bare.csv"
+    named = [["ax_mean", "ay_mean", "az_mean"], *([row[i] for i in kept] for row in lines[:0:-1])]
+    bare.write_text("\n".join(map(",".join, named)) + "\n")
+    one, other = (insnav.calibrate("accel", each).found.errors for each in (whole, bare))
+    np.testing.assert_allclose(other.accel_matrix, one.accel_matrix, atol=1e-9)
+    np.testing.assert_allclose(other.accel_bias, one.accel_bias, atol=1e-9)
+    bare.write_text("\n".join(map(",".join, named[:-1])) + "\n")  # five faces
+    with refused(InputError, "columns.missing"):
+        insnav.calibrate("accel", bare)

@@ -5,29 +5,41 @@ from __future__ import annotations
 import json
 import shutil
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 import pytest
 
+import insnav
 from insnav.errors.budget.error_budget import budget
 from insnav.errors.budget.from_windows import BudgetStudy
 from insnav.errors.budget.sources import at_rest
+from insnav.errors.evaluated_run import EvaluatedRun
+from insnav.errors.metrics import position_errors
+from insnav.library import sample_drive
 from insnav.quantity import Quantity
 from insnav.report.html import page_html
 from insnav.report.page import Page, Section
 from insnav.report.panels import Curve, Panel
+from insnav.report.simulation.page import recording_page
 from insnav.report.style import BLACK
 from insnav.result import Result
+from insnav.types import Smoothed
 from tests.errors.budget.imus import plain
 from tests.report import drawn
+from tests.report.synthetic import drive
+from tests.report.test_certificate import CERTIFICATE, certificate_page
+from tests.report.test_outage import page_of as outage_page
+from tests.report.test_simulation import TOWN, plan_of, recording_of
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
 DRIVER = shutil.which("chromedriver")
 pytestmark = pytest.mark.skipif(not (CHROMIUM and DRIVER), reason="no Chromium with chromedriver on this machine")
+DRAWN = "return document.body.dataset.drawn || !document.querySelector('.panels') && document.readyState === 'complete'"
 # elements whose text does not fit in them, or that stand out of the page
 CUT = """
 const all = "h1, h2, p, dt, dd, summary, figcaption, .legend label, .legend button";
@@ -56,7 +68,7 @@ class Browser:
         for kind in ("browser", "performance"):
             self.logs(kind)
         self.driver.get(file.resolve().as_uri())
-        WebDriverWait(self.driver, 60).until(lambda _: self.run("return document.body.dataset.drawn"))
+        WebDriverWait(self.driver, 60).until(lambda _: self.run(DRAWN))
 
     def run(self, script: str) -> Any:
         return self.driver.execute_script(script)
@@ -303,3 +315,79 @@ def test_a_budget_is_drawn_and_its_sources_can_be_pointed_at(browser: Browser, t
     first = browser.run("return insnav.drawings[1].rows[0]")
     strong = "insnav.drawings[2].curves.filter(c => c.renderer.glyph.line_width.value === 4).map(c => c.name)"
     assert browser.run(f"return {strong}") == [first]
+
+
+def _check() -> Page:
+    return insnav.check(*sample_drive()).page()
+
+
+def _allan() -> Page:
+    rest = np.random.default_rng(1).normal(0.0, 1e-3, (2, 20_000, 3)) - np.array([[[0.0, 0, 0]], [[0.0, 0, 9.81]]])
+    return insnav.allan(insnav.ImuData(0.01 * np.arange(20_000), *rest), taus="octave").page()
+
+
+def _align() -> Page:
+    still = np.random.default_rng(1).normal(0.0, 1e-4, (2, 6_000, 3)) - np.array([[[0.0, 0, 0]], [[0.0, 0, 9.81]]])
+    still_imu = insnav.ImuData(0.01 * np.arange(6_000), *still)
+    return insnav.align(still_imu, lat=0.8, imu="consumer").page()
+
+
+def _calibrate() -> Page:
+    rate = np.arange(-90.0, 91.0, 15.0)
+    volts = np.minimum(0.2 + 0.05 * rate + 1e-4 * np.random.default_rng(1).standard_normal(len(rate)), 4.0)
+    return insnav.calibrate("gyro", pd.DataFrame({"rate_dps": rate, "voltage_v": volts})).page()
+
+
+def _platform() -> Page:
+    force = pd.DataFrame(np.tile([0.0, 0.0, -9.8], (600, 1)), columns=["f_north", "f_east", "f_down"])
+    return insnav.platform(force.assign(time=np.arange(600.0)), 0.8, 0.2, errors={"drift": np.full(3, 1e-7)}).page()
+
+
+def _compare() -> Page:
+    runs = [insnav.load(*sample_drive()[:2], ref=sample_drive()[2], explain="off").navigate(smooth=on) for on in (0, 1)]
+    return insnav.compare(*runs, ref=sample_drive()[2]).page()
+
+
+KINDS: dict[str, Callable[[], Page]] = {
+    "check": _check,
+    "allan": _allan,
+    "align": _align,
+    "calibrate": _calibrate,
+    "platform": _platform,
+    "compare": _compare,
+    "outage": outage_page,
+    "require": lambda: insnav.require("5 m", "30 s", runs=0).page(),
+    "simulate": lambda: recording_page(plan_of(TOWN), recording_of(plan_of(TOWN))),
+    "certificate": lambda: certificate_page(CERTIFICATE),
+    "imus": lambda: insnav.imus().page(),
+}
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_every_kind_of_page_is_whole_at_three_widths(browser: Browser, tmp_path: Path, kind: str) -> None:
+    file = tmp_path / f"{kind}.html"
+    file.write_text(page_html(KINDS[kind](), {}), encoding="utf-8")
+    for width in (390, 1280, 1920):
+        browser.open(file, width)
+        assert (browser.errors(), browser.requests()) == ([], [])
+        assert browser.run(CUT) == []
+        assert browser.run("return document.documentElement.scrollWidth") <= width
+
+
+def test_the_page_of_an_hour_is_drawn_within_2_5_seconds_of_computing(browser: Browser, tmp_path: Path) -> None:
+    """Computing time of the page's thread: other processes may take turns with it."""
+    run, gps, true = drive(3600.0, rate=10.0)
+    run = replace(run, smoothed=Smoothed(run.solution, run.epochs, run.sensor_errors))
+    errors = position_errors(run.solution, true)
+    html = page_html(Result("run", EvaluatedRun(run, gps, errors, errors)).page(), {})
+    assert len(html.encode()) < 3.5e6
+    file = tmp_path / "hour.html"
+    file.write_text(html, encoding="utf-8")
+    browser.driver.execute_cdp_cmd("Performance.enable", {"timeDomain": "threadTicks"})
+    taken = []
+    for _ in range(3):
+        browser.open(file, 1280)
+        found = browser.driver.execute_cdp_cmd("Performance.getMetrics", {})["metrics"]
+        taken.append(next(each["value"] for each in found if each["name"] == "TaskDuration"))
+    print(taken)
+    assert min(taken) < 2.5

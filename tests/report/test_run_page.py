@@ -146,6 +146,17 @@ def test_a_page_of_the_shortest_run_says_so(bare, tmp_path):
     assert phrase("run.no_sd") in " ".join(dom.text)
 
 
+def test_satellites_and_dop_have_a_panel_where_the_log_has_them(navigated):
+    found = navigated.found
+    panels = {panel.key for panel in navigated.page().panels}
+    assert "reception" not in panels
+    count = np.full(found.gps.time.size, 9.0)
+    seen = replace(navigated, found=replace(found, gps=replace(found.gps, satellites=count)))
+    (panel,) = [each for each in seen.page().panels if each.key == "reception"]
+    (curve,) = panel.curves
+    assert (curve.name, set(curve.y)) == ("satellites", {9.0})
+
+
 def test_the_ideal_nis_is_one_in_the_panel_as_in_the_tables(driven, navigated):
     run, _, _ = driven
     (shown,) = [each for each in run_panels(navigated.found) if getattr(each, "key", "") == "nis"]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -13,7 +14,7 @@ from insnav.errors.metrics import position_errors
 from insnav.filter.noise_estimate import NoiseFigure
 from insnav.findings import Code, Finding, Severity
 from insnav.imu import load_imu
-from insnav.messages import form, phrase, sentence, word
+from insnav.messages import form, phrase, render, sentence, word
 from insnav.quantity import Quantity, quantity_of
 from insnav.report.page import Page, Section, Verdict, cell, section_tables
 from insnav.report.panels import Clock
@@ -154,6 +155,12 @@ def test_a_notebook_gets_the_tables(navigated):
     shown = navigated._repr_html_()
     assert "horizontal [m]" in shown
     assert "Options" not in shown
+    assert shown.count('<dl class="merits">') == 1
+    assert shown.count('<img alt="') == 2  # map and errors
+    assert "Track" in shown.partition("<img")[2].partition(">")[0]
+    rules = shown.partition("<style>")[2].partition("</style>")[0]
+    assert rules.startswith(".insnav {")  # the rest of the notebook keeps its style
+    assert not re.search(":root|body", rules)
 
 
 def test_a_crowded_and_hostile_run_still_fits(navigated):
@@ -239,7 +246,7 @@ def test_what_was_not_given_is_said_as_the_drive_shows_it(driven, navigated):
     lever = phrase("run.lever", arm=("1.00 ± 0.10 m", "0.00 ± 0.02 m", "-0.50 ± 0.01 m"))
     (said,) = [line for line in lines if line.startswith((sure, doubtful))]
     assert said.endswith(f"{early}{form('parts')}{lever}")
-    assert phrase("terminal.line", name=phrase("run.corrected"), text=sentence(notes[0])) in lines
+    assert phrase("terminal.line", name=phrase("run.corrected"), text=render(notes[0]).text) in lines
     bad = replace(page, verdict=Verdict("bad", "the errors are larger than stated", ""))
     assert any(line.startswith(doubtful) for line in brief_lines(bad, EvaluatedRun(shown, gps), None))
     wrong = replace(shown, events=(*shown.events, Finding.of(Code.REF_GEOID, subject="ref", height_m=47.0)))

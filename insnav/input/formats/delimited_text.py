@@ -8,12 +8,14 @@ import mmap
 import re
 import sys
 import time
+from array import array
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import PurePath
 from typing import Any, TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from insnav import spill
 from insnav.deferred import library
@@ -71,8 +73,8 @@ class TextCells:
     def read(self, indices: Sequence[int]) -> Numbers:
         """See `insnav.input.formats.table.Cells`."""
         if self.dialect.delimiter == " ":
-            rows = re.sub(rb"(?m)^[ \t]+|[ \t]+(?=\r?$)", b"", self.text[self.dialect.offset :])
-            text = re.sub(rb"[ \t]+", b";", rows)
+            rows = (re.sub(rb"(?m)^[ \t]+|[ \t]+(?=\r?$)", b"", each) for each in self._pieces())
+            text = spill.together(re.sub(rb"[ \t]+", b";", each) for each in rows)
             return replace(self, text=text, dialect=replace(self.dialect, delimiter=";", offset=0)).read(indices)
         texts = self._texts(indices)
         plain = [i for i in indices if i not in texts]
@@ -85,6 +87,11 @@ class TextCells:
         if not numbers.cut and self.zeros:
             numbers = replace(numbers, cut=self._cut(zeros=self.zeros))
         return numbers
+
+    def labels(self, index: int) -> NDArray[Any]:
+        """Return a column of words ``(n,)``, such as names of sensors; one empty word if Arrow cannot read it."""
+        read = _if_valid(_read_texts, self.text, self.dialect, [index])
+        return np.array([""] if read is None else read[index].to_pylist())
 
     def _texts(self, indices: Sequence[int]) -> list[int]:
         """Find columns whose first rows contain dates, times of day or angles in text."""
@@ -106,24 +113,35 @@ class TextCells:
 
     def _rows(self) -> Iterator[tuple[int, str]]:
         """Yield line number and text of every numeric row."""
-        for number, line in enumerate(self.text[self.dialect.offset :].splitlines(), self.dialect.first_line):
+        lines = itertools.chain.from_iterable(piece.splitlines() for piece in self._pieces())
+        for number, line in enumerate(lines, self.dialect.first_line):
             if line.strip():
                 text = line.decode("utf-8", errors="replace")
                 if not is_comment(text):
                     yield number, text
 
+    def _pieces(self) -> Iterator[bytes]:
+        """Yield the rows in pieces of whole lines: as a whole, a large file would fill the memory."""
+        at = self.dialect.offset
+        while at < len(self.text):
+            end = self.text.find(b"\n", at + _BLOCK_BYTES) + 1 or len(self.text)
+            yield self.text[at:end]
+            spill.release()
+            at = end
+
     def _scan(self, indices: Sequence[int]) -> Numbers:
         """Read row by row; slow, but locates the first bad cell."""
-        rows = list(self._rows())
+        rows, ahead = itertools.tee(self._rows())
+        next(ahead, None)
         headers = self.dialect.headers
         width = len(headers)
-        values: list[list[float]] = []
-        for number, text in rows:
-            last = number == rows[-1][0]
+        values, n = [array("d") for _ in indices], 0
+        for (number, text), following in itertools.zip_longest(rows, ahead):
+            last = following is None
             cells = split_line(text, self.dialect.delimiter)
             if len(cells) != width:
                 if last and len(cells) < width:
-                    return _as_numbers(values, indices, self._cut(line=number, cells=len(cells), columns=width))
+                    return _as_numbers(values, indices, n, self._cut(line=number, cells=len(cells), columns=width))
                 thousands = len(cells) > width and '"' not in text
                 raise InputError(
                     "format.row_too_long" if thousands else "format.row_width",
@@ -132,8 +150,10 @@ class TextCells:
                     names=width,
                     text=plain_text(text)[:80],
                 )
+            n += 1
             if tuple(cells) == headers:  # a repeated header, as in joined files
-                values.append([np.nan] * len(indices))
+                for column in values:
+                    column.append(np.nan)
                 continue
             row: list[float] = []
             for i in indices:
@@ -141,10 +161,11 @@ class TextCells:
                     row.append(parse_number(cells[i], self.dialect.decimal))
                 except ValueError as error:
                     if last and i == width - 1 and not self._ends_line():
-                        return _as_numbers(values, indices, self._cut(line=number))
+                        return _as_numbers(values, indices, n - 1, self._cut(line=number))
                     raise _no_number(cells[i], f"{self.name}:{number}:{headers[i]}") from error
-            values.append(row)
-        return _as_numbers(values, indices, None)
+            for column, value in zip(values, row, strict=True):
+                column.append(value)
+        return _as_numbers(values, indices, n, None)
 
     def _cut(self, **values: Any) -> Finding:
         """Report a dropped last row."""
@@ -230,9 +251,8 @@ def _options(dialect: Dialect, indices: Sequence[int], kind: Any, **how: Any) ->
     }
 
 
-def _as_numbers(values: list[list[float]], indices: Sequence[int], cut: Finding | None) -> Numbers:
-    array = np.array(values, dtype=np.float64).reshape(len(values), len(indices))
-    return Numbers({i: array[:, k].copy() for k, i in enumerate(indices)}, len(values), cut)
+def _as_numbers(values: Sequence[array[float]], indices: Sequence[int], n: int, cut: Finding | None) -> Numbers:
+    return Numbers({i: np.array(column) for i, column in zip(indices, values, strict=True)}, n, cut)
 
 
 def _no_number(cell: str, where: str) -> InputError:

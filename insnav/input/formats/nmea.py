@@ -37,7 +37,8 @@ _HALF_DAY = 43_200.0
 _QUALITY = {1: 5.0, 2: 4.0, 3: 5.0, 4: 1.0, 5: 2.0, 9: 4.0}
 _MODES = {"A": 5.0, "D": 4.0, "P": 5.0, "R": 1.0, "F": 2.0}  # in GNS and RMC
 _COLUMNS = ("lat_deg", "lon_deg", "alt", "separation", "fix", "speed_m_s", "course_deg")
-_OTHERS = ("sd_n_m", "sd_e_m", "sd_d_m", "heading_deg")
+_SEEN = ("satellites", 7), ("dop", 8), ("alt", 9)  # words of GGA and GNS
+_OTHERS = ("sd_n_m", "sd_e_m", "sd_d_m", "heading_deg", "satellites", "dop")
 
 
 def recognise(source: Source) -> bool:
@@ -102,14 +103,15 @@ class _Log:
             getattr(self, f"_{kind.lower()}")(self.epochs[-1], words)
 
     def _gga(self, epoch: dict[str, float], words: list[str]) -> None:
-        epoch |= _place(words[2:6])
-        epoch |= {"alt": _number(words[9]), "separation": _number(words[11])}
+        if not _number(words[8]) > _LARGEST_DOP:
+            epoch |= _place(words[2:6])
+        epoch |= {key: _number(words[at]) for key, at in (*_SEEN, ("separation", 11))}
         epoch["fix"] = _QUALITY.get(int(_number(words[6], 0.0)), 0.0)
 
     def _gns(self, epoch: dict[str, float], words: list[str]) -> None:
         if "fix" not in epoch:  # GGA has more detail
             epoch |= _place(words[2:6])
-            epoch |= {"alt": _number(words[9]), "separation": _number(words[10])}
+            epoch |= {key: _number(words[at]) for key, at in (*_SEEN, ("separation", 10))}
             epoch["fix"] = max((_MODES.get(mode, 0.0) for mode in words[6]), default=0.0)
 
     def _rmc(self, epoch: dict[str, float], words: list[str]) -> None:
@@ -154,6 +156,7 @@ class _Log:
         return seconds_of_week(date[last] + turns - turns[last], clock, "UTC")
 
 
+_LARGEST_DOP = 100.0  # receivers limit it to 99.99 (u-blox M8 protocol, UBX-13003221, GGA); otherwise it is no DOP
 # least number of words of each sentence type
 _LENGTHS = {"GGA": 12, "GNS": 11, "RMC": 10, "VTG": 6, "GST": 9, "ZDA": 5, "HDT": 2}
 

@@ -33,6 +33,7 @@ from insnav.input.formats.messages import Bytes, Framing, joined, layout
 from insnav.input.formats.source import Source
 from insnav.input.formats.table import Table, column_table
 from insnav.input.formats.time_scales import WEEK, WEEK_DAYS, seconds_of_week
+from insnav.input.interpret.physics import MAX_TURN_RATIO, turn_ratio
 from insnav.types import FloatArray
 from insnav.units import DEG
 
@@ -71,13 +72,20 @@ _CORRECTED = {812: "CORRIMUDATA", 813: "CORRIMUDATAS", 1362: "IMURATECORRIMUS", 
 _FT = 0.3048
 # type of IMU -> name, scale of increments of angle [rad] and of velocity [m/s]; table "Raw IMU Scale Factors"
 _SCALES = {
-    8: ("LN200", 2.0**-19, 2.0**-14),
-    11: ("HG1700 AG58", 2.0**-33, 2.0**-27 * _FT),
-    12: ("HG1700 AG62", 2.0**-33, 2.0**-26 * _FT),
-    13: ("iIMU-FSAS", 0.1 * 2.0**-8 / 3600.0 * DEG, 0.05 * 2.0**-15),
-    31: ("ADIS16488", 720.0 / 2.0**31 * DEG, 200.0 / 2.0**31),
-    32: ("STIM300", 2.0**-21 * DEG, 2.0**-22),
-    58: ("HG4930 AN01", 2.0**-33, 2.0**-29),
+    number: (model, angle, speed)
+    for angle, speed, models in (
+        (2.0**-19, 2.0**-14, {8: "LN200"}),
+        (2.0**-33, 2.0**-27 * _FT, {1: "HG1700 AG11", 5: "HG1900 CA29", 11: "HG1700 AG58", 27: "HG1900 CA50"}),
+        (2.0**-33, 2.0**-27 * _FT, {20: "HG1930 AA99", 28: "HG1930 CA50"}),
+        (2.0**-33, 2.0**-26 * _FT, {4: "HG1700 AG17", 12: "HG1700 AG62"}),
+        (0.1 * 2.0**-8 / 3600.0 * DEG, 0.05 * 2.0**-15, {13: "iIMU-FSAS"}),
+        (0.1 * 2.0**-8 / 3600.0, 0.05 * 2.0**-15, {16: "IMU-CPT", 33: "KVH1750"}),
+        (1e-9, 2e-8, {26: "ISA-100C", 52: "uIMU-IC"}),
+        (720.0 * 2.0**-31 * DEG, 200.0 * 2.0**-31, {31: "ADIS16488"}),
+        (2.0**-21 * DEG, 2.0**-22, {32: "STIM300", 56: "STIM300D"}),
+        (2.0**-33, 2.0**-29, {58: "HG4930 AN01", 68: "HG4930 AN04", 69: "HG4930 AN04 400 Hz"}),
+    )
+    for number, model in models.items()
 }
 # position type -> fix type; types with INS in their name are fused with an IMU
 _KINDS = {
@@ -117,8 +125,8 @@ def read(source: Source) -> Mapping[str, Table]:
             tables["reference"] = _reference(source, logs[name], notes)
     for name in ("RAWIMU", "RAWIMUS", "RAWIMUX", "RAWIMUSX"):
         if name in logs:
-            tables["imu"] = _samples(source, logs[name], name, notes)
-    if "imu" not in tables and useless:
+            tables |= _samples(source, logs[name], name, notes)
+    if useless and not any(key.startswith("imu") for key in tables):
         note = Finding.of(Code.READ_IMU_CORRECTED, messages=tuple(useless))
         unusable = tuple(useless)
         tables = {key: replace(each, notes=(*each.notes, note), unusable=unusable) for key, each in tables.items()}
@@ -240,7 +248,8 @@ def _reference(source: Source, log: Any, notes: list[Finding]) -> Table:
     return column_table(source, kept, [Finding.of(Code.READ_FUSED), *notes], row="solution")
 
 
-def _samples(source: Source, log: Any, name: str, notes: list[Finding]) -> Table:
+def _samples(source: Source, log: Any, name: str, notes: list[Finding]) -> dict[str, Table]:
+    """Return the samples of the IMU; of an IMU that the log does not name, by each model that fits them."""
     time, rows = log
     time = _own_time(time, rows)
     counts = np.column_stack([rows[key].astype(np.float64) for key in ("gx", "gy", "gz", "ax", "ay", "az")])
@@ -248,12 +257,14 @@ def _samples(source: Source, log: Any, name: str, notes: list[Finding]) -> Table
     stated = "type" in (rows.dtype.names or ())
     if stated:
         types, per_second = np.unique(rows["type"]).tolist(), np.nan
-        found = [_SCALES.get(each, each) for each in types]
-    else:  # gravity identifies the IMU type, also during turns and braking
+        found = [_SCALES[each] for each in types if each in _SCALES]
+    else:  # gravity shows the velocity scale, also during turns and braking, and its rotation the angle scale
         types, span = [], float(np.ptp(time)) if len(time) > 1 else 0.0
         per_second = np.linalg.norm(counts[1:, 3:], axis=1).sum() / span if span > 0.0 else np.nan
         found = [each for each in _SCALES.values() if abs(per_second * each[2] / _GRAVITY - 1.0) < _TOLERANCE]
-    if len(found) != 1 or not isinstance(found[0], tuple):
+        turned = turn_ratio(time, counts[:, :3], counts[:, 3:])[0] * float(np.median(np.diff(time))) if found else 0.0
+        found = [each for each in found if not turned or 1.0 < MAX_TURN_RATIO * turned / each[1] < MAX_TURN_RATIO**2]
+    if not found or len(types) > 1:
         raise InputError(
             "format.novatel_scale",
             where=source.name,
@@ -262,11 +273,17 @@ def _samples(source: Source, log: Any, name: str, notes: list[Finding]) -> Table
             counts_per_s=float(per_second),
             known=tuple(f"{key} {each[0]}" for key, each in _SCALES.items()),
         )
-    kind, angle, speed = found[0]
-    columns = {"time_s": time, **triad(DTHETA, counts[:, :3] * angle), **triad(DVEL, counts[:, 3:] * speed)}
-    note = Finding.of(Code.READ_IMU_MODEL, subject=name, model=kind)
-    if not stated:  # gravity determines the accelerometer scale only
-        others = {each[0]: each[1] / angle for each in _SCALES.values() if each[1] != angle}
-        values: dict[str, Any] = {"model": kind, "others": tuple(others), "ratios": tuple(others.values())}
-        note = Finding.of(Code.READ_IMU_MODEL_BY_GRAVITY, subject=name, **values)
-    return column_table(source, columns, [note, *notes], row=name, axes="RFU")
+    tables = {}
+    for angle, speed in dict.fromkeys(each[1:] for each in found):
+        models = ", ".join(each[0] for each in found if each[1:] == (angle, speed))
+        columns = {"time_s": time, **triad(DTHETA, counts[:, :3] * angle), **triad(DVEL, counts[:, 3:] * speed)}
+        note = Finding.of(Code.READ_IMU_MODEL, subject=name, model=models)
+        if not stated:
+            others = {scale / angle: model for model, scale, _ in reversed(_SCALES.values()) if scale != angle}
+            noise = (
+                np.median(np.diff(counts[:, :3], axis=0).std(axis=0)) * angle / np.sqrt(2.0 * np.median(np.diff(time)))
+            )
+            values: dict[str, Any] = {"model": models, "others": tuple(others.values()), "ratios": tuple(others)}
+            note = Finding.of(Code.READ_IMU_MODEL_BY_GRAVITY, subject=name, noise_rad_sqrt_s=float(noise), **values)
+        tables[models] = column_table(source, columns, [note, *notes], row=name, axes="RFU")
+    return {"imu" if len(tables) == 1 else f"imu:{key.partition(', ')[0]}": each for key, each in tables.items()}

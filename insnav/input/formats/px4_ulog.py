@@ -129,7 +129,9 @@ class _Log:
         at = np.array([place for number in numbers for place in self.at.get(number, [])], dtype=np.int64)
         rows = as_records(gathered(data, at, layout.itemsize), layout)
         names = layout.names or ()
-        return {key: rows[key].astype(np.float64) for key in names if rows[key].dtype.kind != "S"} if len(rows) else {}
+        with np.errstate(invalid="ignore"):  # damaged numbers
+            kept = [key for key in names if len(rows) and rows[key].dtype.kind != "S"]
+            return {key: rows[key].astype(np.float64) for key in kept}
 
 
 def _layout(fields: str) -> np.dtype[Any] | None:

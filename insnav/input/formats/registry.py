@@ -8,9 +8,10 @@ from collections.abc import Collection, Mapping
 from dataclasses import replace
 from functools import cache
 from pathlib import Path, PurePosixPath
-from typing import Protocol, cast
+from typing import Any, Protocol, cast
 
 from insnav.exceptions import ConfigError, InputError, reason_of
+from insnav.findings import Code, of_code
 from insnav.input.formats import delimited_text, nmea
 from insnav.input.formats.source import Source, open_source
 from insnav.input.formats.table import Table
@@ -102,10 +103,17 @@ def choose_table(tables: Mapping[str, Table], part: str, topics: Collection[str]
         if len(there) == 1:
             return next(iter(there.values()))
         if there:
-            found = tuple(there)
-            raise ConfigError(
-                "format.several_sensors", where=where, part=part, count=len(found), topics=found, topic=found[0]
-            )
+            values: dict[str, Any] = {
+                "part": part,
+                "count": len(there),
+                "topics": tuple(there),
+                "topic": next(iter(there)),
+            }
+            notes = of_code([note for table in there.values() for note in table.notes], Code.READ_IMU_MODEL_BY_GRAVITY)
+            noise = tuple(dict(note.values)["noise_rad_sqrt_s"] for note in notes)
+            if noise:
+                raise ConfigError("format.several_scales", where=where, noise_rad_sqrt_s=noise, **values)
+            raise ConfigError("format.several_sensors", where=where, **values)
     found = tuple(sorted({key.partition(":")[0] for key in tables}))
     format_name = next((table.format for table in tables.values()), "")
     if part == "imu":

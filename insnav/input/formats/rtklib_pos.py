@@ -78,7 +78,7 @@ def read(source: Source) -> Mapping[str, Table]:
         lla = lla_from_earth(r_e)
         found |= {"lat_deg": lla[:, 0] / DEG, "lon_deg": lla[:, 1] / DEG, "height_m": lla[:, 2]}
         turn = level_from_earth(lla) @ to_earth
-    found["fix"] = data["Q"]
+    found |= {key: data[name] for key, name in (("fix", "Q"), ("satellites", "ns")) if name in data}
     with np.errstate(over="ignore", invalid="ignore"):  # numbers out of range are refused when used
         found |= _velocity(data, axes, turn)
         deviations = _deviations(data, axes, turn, "sd{}(m)", "sd_{}_m") | _deviations(

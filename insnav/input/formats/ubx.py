@@ -34,7 +34,7 @@ _STATE = "tAcc:u4 nano:i4 fixType:u1 flags:u1 flags2:u1 numSV:u1"
 _COVARIANCES = " ".join(f"{kind}{pair}:f4" for kind in ("pos", "vel") for pair in ("NN", "NE", "ND", "EE", "ED", "DD"))
 # class and number of the message as one number, and the fields used
 _LAYOUTS: dict[str, tuple[int, np.dtype[Any]]] = {
-    "PVT": (0x0701, layout(f"iTOW:u4 {_DATE} valid:u1 {_STATE} {_PLACE} {_SPEED} headMot:i4 sAcc:u4")),
+    "PVT": (0x0701, layout(f"iTOW:u4 {_DATE} valid:u1 {_STATE} {_PLACE} {_SPEED} headMot:i4 sAcc:u4 r1:u4 pDOP:u2")),
     "PVAT": (
         0x1701,
         layout(
@@ -55,6 +55,7 @@ _LAYOUTS: dict[str, tuple[int, np.dtype[Any]]] = {
     "SOL": (0x0601, layout("iTOW:u4 fTOW:i4 week:i2 fixType:u1 flags:u1")),
     "TIMEGPS": (0x2001, layout("iTOW:u4 fTOW:i4 week:i2 leapS:i1 valid:u1")),
 }
+_RECEPTION = ("satellites", "numSV", 1.0), ("dop", "pDOP", 0.01)
 _MEAS, _RAW = 0x0210, 0x0310
 _GYRO_TYPES, _ACCEL_TYPES, _TEMPERATURE = (14, 13, 5), (16, 17, 18), 12  # x, y, z
 _SCALES = {**dict.fromkeys(_GYRO_TYPES, DEG / 4096.0), **dict.fromkeys(_ACCEL_TYPES, 1.0 / 1024.0), _TEMPERATURE: 0.01}
@@ -146,6 +147,7 @@ def _fixes(source: Source, found: Mapping[str, _Found], base: str, notes: list[F
             columns[column] = np.where(np.isfinite(better), better, columns[column])
     speed = _speed(rows, 1e-3) if "velN" in names else _joined_columns(key, found["VELNED"], _speed, 1e-2)
     columns |= speed
+    columns |= {key: by * rows[name] for key, name, by in _RECEPTION if name in names}
     if len(found["COV"].rows):
         for column, values in _joined_columns(key, found["COV"], _covariances).items():
             columns[column] = np.where(np.isfinite(values), values, columns.get(column, np.nan))

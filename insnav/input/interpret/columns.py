@@ -28,12 +28,15 @@ _COUNTED = re.compile(r"^(?P<base>.*?[A-Za-z_ ]\[?)(?P<index>[0-3])(?P<rest>(?:[
 _MEANT = {
     "verticalaccuracydeg": "vertical accuracy (m)",  # phyphox gives degrees instead of metres
     "millis": "time (ms)",
+    "timestartup": "time (ns)",  # VectorNav
     "micros": "time (us)",
     **dict.fromkeys(("utcnano", "logmonotime"), "time (ns)"),
 }
 _NO_UNIT = re.compile("wgs84|txt|x[0-9a-f]{4}")  # in brackets, but no unit, such as a message number
-# device before a name, with its serial number or a colon, as of SensorConnect and DatCon
-_DEVICE = re.compile(r"^.*(?:\d{4,}[._:/ -]+|:)(?=[A-Za-z])")
+# before a name: the topic of a path, as of PlotJuggler, or a device with its serial number or a colon, as of
+# SensorConnect and DatCon
+_DEVICE = re.compile(r"^(?:/[^/]+(?=/.)|/|.*(?:\d{4,}[._:/ -]+|:)(?=[A-Za-z]))")
+_CHIP = re.compile(r"(?i).+\b(accelerometer|gyroscope)(?: (?!uncal)[^.]*)?[.]([xyz])")  # sensors of Android
 _NAMED = 3  # quantities besides the time that identify a header line
 _LISTED = 12  # unused columns listed in a finding
 
@@ -96,6 +99,8 @@ def match_header(
         if prefix is None:
             break
         word = word.removeprefix(prefix)
+    if (chip := _CHIP.fullmatch(base.strip())) is not None:
+        return match_header(f"{chip[1]} {chip[2]} [{unit_text}]", schema, unit_below)
     return match_header(header[device.end() :], schema, unit_below) if (device := _DEVICE.match(header)) else None
 
 
@@ -430,5 +435,6 @@ def _advances(values: FloatArray) -> bool:
 
 def _shows_gravity(triad: Sequence[FloatArray]) -> bool:
     norm = np.linalg.norm(np.column_stack(triad), axis=1)
-    middle = float(np.nanmedian(norm))
+    known = norm[np.isfinite(norm)]
+    middle = float(np.median(known)) if known.size else 0.0
     return any(abs(middle / gravity - 1.0) < _TOLERANCE for gravity in _GRAVITIES)

@@ -26,7 +26,7 @@ from insnav.findings import Code, Finding
 from insnav.input.formats.conventions import PLACE, VELOCITY
 from insnav.input.formats.table import Cells, Numbers, Table
 from insnav.input.formats.time_scales import Scale, gps_days, seconds_of_week
-from insnav.input.interpret.columns import Found, key_of, unused_columns
+from insnav.input.interpret.columns import Found, is_headerless, key_of, unused_columns
 from insnav.input.interpret.schema import IMU_SCHEMA, compact
 from insnav.types import BoolArray, FloatArray, IntArray
 from insnav.units import DEG
@@ -44,6 +44,15 @@ _OF_PLACE = re.compile(
     r"(?:ecef|wls|pos|position|field)*(v|vel|velocity)?(?:ecef)?([xyz])(?:ecef)?(?:[kcm]?m|[kcm]?ms|meters)?"
 )
 _VECTOR = re.compile(r"(?P<name>[A-Za-z ]+?) *(?:\((?P<axes>[xyz](?:,[xyz]){0,2})\))? *(?P<unit>\[[^\]]*\])")
+_STAMP = {0: "stamp.secs", 1: "stamp.nsecs"}
+# number of fields of sensor_msgs/Imu and sensor_msgs/NavSatFix -> number and name of those read
+_ECHOED = {
+    40: _STAMP
+    | {at + i: f"{name}_{axis}" for at, name in ((16, "gyro"), (28, "accel")) for i, axis in enumerate("xyz")},
+    18: _STAMP
+    | {3: "status.status", 5: "lat", 6: "lon", 7: "height"}
+    | {8 + i: f"position_covariance[{i}]" for i in (0, 4, 8)},
+}
 _EARTH = 6.33e6, 6.48e6  # distances from the Earth's centre, up to 100 km height [m]
 _SHARE = 0.9  # share of the rows with such positions
 _HIGH = 2e4  # larger than map heights [m]; a northing may equal the Earth's radius, at 57.5 deg
@@ -76,10 +85,19 @@ class _Composed:
 
 def composed(table: Table) -> Table:
     """Add composed columns: time, and latitude, longitude and height from other coordinates."""
-    table = _vectors(table)
+    table = _vectors(_echoed(table))
     words = [compact(header) for header in table.headers]
     table = _timed(_first_instance(table, words), words)
     return table if any(word.startswith("lat") for word in words) else _placed(table, words)
+
+
+def _echoed(table: Table) -> Table:
+    """Name the columns of ``ros2 topic echo --csv``, which writes all fields of a message and no header."""
+    names = _ECHOED.get(len(table.headers), {}) if is_headerless(table.headers) else {}
+    stamp = _first(table, [0, 1]) if names else None
+    if stamp is None or _first(table, [2]) is not None or any((each != np.floor(each)).any() for each in stamp):
+        return table  # the third is the frame
+    return replace(table, headers=tuple(names.get(i, "") for i in range(len(table.headers))))
 
 
 def _vectors(table: Table) -> Table:
@@ -137,10 +155,11 @@ class _Instance:
 def _first_instance(table: Table, words: Sequence[str]) -> Table:
     """Select the first sensor of a table with alternating sensors."""
     for i in (i for i, word in enumerate(words) if word in _INSTANCES):
-        (number,) = _first(table, [i]) or [np.zeros(1)]
+        labels = getattr(table.cells, "labels", lambda index: np.zeros(1))
+        (number,) = _first(table, [i]) or [labels(i)]
         numbers = np.unique(number)
-        if 2 <= len(numbers) <= _MOST_INSTANCES and np.mean(np.diff(number) != 0.0) > _TURNS:
-            values: dict[str, Any] = {"column": table.headers[i], "count": len(numbers), "number": numbers[0]}
+        if 2 <= len(numbers) <= _MOST_INSTANCES and np.mean(number[1:] != number[:-1]) > _TURNS:
+            values: dict[str, Any] = {"column": table.headers[i], "count": len(numbers), "number": numbers[0].item()}
             cells = _Instance(table.cells, np.flatnonzero(number == numbers[0]))
             return replace(table, cells=cells, notes=(*table.notes, Finding.of(Code.READ_ROWS_INSTANCE, **values)))
     return table

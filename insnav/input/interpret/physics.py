@@ -65,10 +65,10 @@ _GRAVITY_TOLERANCE = 0.05
 _MIN_SHARE = 0.02  # share of quiet blocks that must show gravity
 _FAR_OFF = 0.5  # relative deviation of the median from gravity that no vehicle accelerometer has
 _AIMLESS = 0.5  # least norm of mean acceleration over mean norm, with gravity
-_UNCALIBRATED = 0.2  # largest relative error of an uncalibrated sensor
+UNCALIBRATED = 0.2  # largest relative error of an uncalibrated sensor
 _MAX_RATE = 12.0  # no vehicle turns faster persistently [rad/s]
 _MAX_SENSOR_RATE = 70.0  # largest rate of usual sensors [rad/s]
-_MAX_TURN_RATIO = 4.0  # factor by which a lever arm or a swaying vehicle may disturb the comparison with gravity
+MAX_TURN_RATIO = 4.0  # factor by which a lever arm or a swaying vehicle may disturb the comparison with gravity
 _MAX_BLOCKS = 1000
 _MIN_STEPS = 10
 _REPEATED = 0.5  # share of rows with the previous time, in a clock without enough digits
@@ -142,7 +142,7 @@ def find_accel_unit(
     candidates = _DVEL_UNITS if increments else _ACCEL_UNITS
     middle = float(np.median(norms))
     values: dict[str, Any]
-    for tolerance, share in ((_GRAVITY_TOLERANCE, _MIN_SHARE), (_UNCALIBRATED, 0.5)):
+    for tolerance, share in ((_GRAVITY_TOLERANCE, _MIN_SHARE), (UNCALIBRATED, 0.5)):
         for unit in (stated, *candidates) if stated else candidates:
             force = norms * ALL_UNITS[unit][1]
             fits = np.abs(force / _GRAVITY - 1.0) < tolerance
@@ -286,7 +286,7 @@ def find_gyro_unit(
     if correlation:
         for unit in (stated, *usual) if stated else usual:
             factor = abs(ratio) / ALL_UNITS[unit][1]
-            if 1.0 / _MAX_TURN_RATIO < factor < _MAX_TURN_RATIO:
+            if 1.0 / MAX_TURN_RATIO < factor < MAX_TURN_RATIO:
                 reason = {"ratio": factor, "correlation": correlation}
                 code = Code.UNITS_GYRO if correlation > 0.0 else Code.UNITS_GYRO_WRONG_WAY
                 shown, finding = unit, Finding.of(code, correlation=correlation, ratio=factor, unit=unit)
@@ -384,7 +384,9 @@ def find_time_unit(time: FloatArray, stated: str | None, *, slowest: float, wher
     fitting = [unit for unit in _TIME_UNITS if slowest * 1e-4 <= step * ALL_UNITS[unit][1] < slowest]
     # too few rows, or digits, to reject long steps: the rows are reported instead
     few = len(time) < _MIN_STEPS or float(np.mean(np.diff(time[:_MAX_SAMPLES]) == 0.0)) > _REPEATED
-    guess = "s" if step < slowest or few else (fitting[0] if fitting else None)
+    since = float(np.nanmedian(time[:_MAX_SAMPLES]))
+    dated = [unit for unit in fitting if 1e9 <= since * ALL_UNITS[unit][1] < 1e10]  # Unix time after 2001
+    guess = dated[0] if dated else "s" if step < slowest or few else (fitting[0] if fitting else None)
     if stated is not None:
         if step * ALL_UNITS[stated][1] >= slowest and not few:
             values: dict[str, Any] = {"stated": stated, "step": step, "unit": guess or "", "example": guess or "ms"}

@@ -46,7 +46,7 @@ class Fit:
     climb: float = 1.0  # climb over the negative third column, read as m/s down and m
     radians: str = ""  # quantity in radians: "positions", "latitudes" or "longitudes"; empty without
     exchanged: bool = False  # latitudes and longitudes are exchanged
-    in_vehicle: bool = False  # the velocities are forward and lateral, in vehicle axes
+    in_vehicle: bool = False  # the velocities are in the axes of the vehicle: only their size fits
 
     @property
     def upward(self) -> bool:
@@ -145,6 +145,12 @@ def fit_velocities(time: FloatArray, lla: FloatArray, v_n: FloatArray) -> Fit | 
 
     ratio = float(np.median(size / np.maximum(np.linalg.norm(sums[:, :2], axis=1), 1e-9)))
     given = difference((0, 1), (1.0, 1.0), 1.0)
+    way = _gone(t, np.linalg.norm(v[:, :2], axis=1, keepdims=True))[:, 0]
+    speed_apart = float(np.median(np.abs((way[stop] - way[start])[firm] / size - 1.0)))
+    aside = np.sort(np.abs(v[start][firm, :2]), axis=1)
+    forward = float(np.median(aside[:, 0] / np.maximum(aside[:, 1], 1e-9))) < _SIDE < given
+    if forward and speed_apart < _BETTER * given:  # also on a straight road: the road is not along an axis
+        return Fit((0, 1), (1.0, 1.0), "m/s", ratio, in_vehicle=True)
     if given < _WRONG:
         return Fit((0, 1), (1.0, 1.0), "m/s", ratio, _climb(t, lla[known, 2], gone[:, 2]))
     orders: tuple[tuple[int, int], ...] = ((0, 1), (1, 0))
@@ -161,11 +167,7 @@ def fit_velocities(time: FloatArray, lla: FloatArray, v_n: FloatArray) -> Fit | 
     if exchanged < min(_FITS, best[0]):
         return Fit((0, 1), (1.0, 1.0), "m/s", ratio, exchanged=True)
     if best[0] > min(_FITS, _BETTER * given):
-        way = _gone(t, np.linalg.norm(v[:, :2], axis=1, keepdims=True))[:, 0]
-        apart = np.abs((way[stop] - way[start])[firm] / size - 1.0)
-        aside = np.sort(np.abs(v[start][firm, :2]), axis=1)
-        alone = float(np.median(apart)) < _FITS and float(np.median(aside[:, 0] / aside[:, 1])) < _SIDE
-        return Fit((0, 1), (1.0, 1.0), "m/s", ratio, in_vehicle=True) if alone else None
+        return Fit((0, 1), (1.0, 1.0), "m/s", ratio, in_vehicle=True) if speed_apart < _FITS else None
     factor = _UNITS[best[3]]
     return Fit(best[1], (best[2][0], best[2][1]), best[3], ratio, _climb(t, lla[known, 2], gone[:, 2] * factor))
 

@@ -6,6 +6,7 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
+from shlex import quote
 from typing import Any, Literal
 
 import numpy as np
@@ -354,6 +355,10 @@ def _choose(
     words = {header.lower()[:3] for header in table.headers}
     if {"lat", "lon"} <= words and not some_rates:
         hint = "positions_as_imu"
+    elif some and not gives and not (some_rates or some_increments):
+        column = next((h for i, h in enumerate(table.headers) if h and i not in {f.index for f in found.values()}), "")
+        rate = "" if "time" in found else "--rate HZ"
+        raise InputError("columns.one_signal", where=table.name, column=quote(column), rate=rate)
     elif some and "time" not in found:
         hint = "without_rate"
     require(found, ("time", *wanted), table, schema, hint=hint, gives=gives)

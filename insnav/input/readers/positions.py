@@ -88,7 +88,8 @@ def read_gps(
     heading = read.columns.get("heading")
     heading = None if heading is None or not heading.any() else heading % (2.0 * np.pi)  # 0: unknown
     sd = (read.stacked(_STANDARD_DEVIATIONS[:3]), read.stacked(_STANDARD_DEVIATIONS[3:]))
-    data = GpsData(read.columns["time"], read.lla, read.v_n, *sd, reading.fix, heading)
+    seen = (each if each is not None and each.any() else None for each in map(read.columns.get, ("satellites", "dop")))
+    data = GpsData(read.columns["time"], read.lla, read.v_n, *sd, reading.fix, heading, *seen)
     return Reading(data, reading.events, reading.facts)
 
 
@@ -193,7 +194,7 @@ def read_positions(
         added: dict[str, Any] = {"grid": geoid[1], "height_m": float(np.mean(geoid[0]))}
         height_kind, height_evidence = "ellipsoidal", Finding.of(Code.READ_HEIGHT_GEOID_ADDED, **added)
     unit, velocity_notes = _velocity_unit(fit, found, name)
-    if fit is not None and fit.in_vehicle:
+    if (fit is not None and fit.in_vehicle) or not np.isfinite(v_n[:, :2]).any():  # a vertical velocity alone is none
         v_n[:] = np.nan
         data |= {key: np.full(len(lla), np.nan) for key in _STANDARD_DEVIATIONS[3:] if key in data}
     if unit != 1.0:

@@ -8,7 +8,7 @@ third order. Positions: ``f_measured = B f + b`` by least squares; six faces suf
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -19,8 +19,9 @@ from insnav.exceptions import InputError
 from insnav.findings import Finding
 from insnav.imu.model import ImuErrors, RawScale
 from insnav.input.formats.registry import open_table
-from insnav.input.formats.table import Table
+from insnav.input.formats.table import ArrayCells, Table
 from insnav.input.interpret.columns import understand
+from insnav.input.interpret.physics import UNCALIBRATED
 from insnav.input.interpret.schema import schema
 from insnav.lab import calibration
 from insnav.lab.bench_data import BenchTable, read_bench
@@ -58,7 +59,41 @@ def holds_positions(file: str | Path | Table) -> bool:
     """Return whether a table has true and measured components along x, y, z."""
     table = open_table(file)
     found, _ = understand(table.headers, table.units, POSITIONS, where=table.name)
-    return {*_TRUE} <= found.keys() and any(key.startswith(("output", "raw")) for key in found)
+    outputs = {key.replace("raw", "output") for key in found}
+    return {*_OUTPUTS} <= outputs or ({*_TRUE} <= found.keys() and bool({*_OUTPUTS} & outputs))
+
+
+def _completed(file: str | Path | Table, columns: Mapping[str, str] | None) -> Table:
+    """Add what gravity shows: units of specific forces without one, and true forces of the six faces.
+
+    In each position one axis is vertical: its output is the farthest from the middle of its range, of all three.
+    """
+    table = open_table(file)
+    found, _ = understand(table.headers, table.units, POSITIONS, columns=columns, where=table.name)
+    units = [*(table.units or [""] * len(table.headers))]
+    there = {keys: [found[key] for key in keys if key in found] for keys in (_TRUE, _OUTPUTS)}
+    read = {keys: table.cells.read([each.index for each in triad]).columns for keys, triad in there.items()}
+    values = {keys: np.array([read[keys][each.index] for each in triad]).T for keys, triad in there.items()}
+    for keys, triad in there.items():
+        if len(triad) == 3 and not any(each.unit for each in triad):
+            norm = float(np.median(np.linalg.norm(values[keys], axis=1)))
+            fits = [unit for unit in ("g", "m/s^2") if abs(norm * UNITS[unit][1] / G0 - 1.0) < UNCALIBRATED]
+            for each in triad:
+                units[each.index] = (fits or [""])[0]
+    table, output = replace(table, units=tuple(units)), values[_OUTPUTS]
+    if there[_TRUE] or len(there[_OUTPUTS]) < 3:
+        return table
+    away = output - 0.5 * (output.max(axis=0) + output.min(axis=0))
+    away /= np.maximum(np.abs(away).max(axis=0), 1e-300)
+    rows, axis = np.arange(len(away)), np.abs(away).argmax(axis=1)
+    force = np.zeros_like(output)
+    force[rows, axis] = np.sign(away[rows, axis])
+    if len(np.unique(force, axis=0)) < FEWEST:
+        return table
+    headers, own = tuple(f"{key}_g" for key in _TRUE), [each.index for each in there[_OUTPUTS]]
+    cells = ArrayCells((*np.ascontiguousarray(force.T), *output.T.copy()), table.cells.line)
+    units = ["", "", "", *(units[i] for i in own)]
+    return replace(table, headers=(*headers, *(table.headers[i] for i in own)), units=tuple(units), cells=cells)
 
 
 def read_positions(file: str | Path | Table, how: BenchOptions) -> Positions:
@@ -67,6 +102,7 @@ def read_positions(file: str | Path | Table, how: BenchOptions) -> Positions:
     Raises: InputError: a column is missing, or the outputs have different units.
     """
     raw_too = {key: key.replace("output", "raw") for key in _OUTPUTS}
+    file = _completed(file, how.columns)
     table = read_bench(file, POSITIONS, (*_TRUE, *_OUTPUTS), columns=how.columns, alternatives=raw_too)
     keys = [key if key in table.columns else raw_too[key] for key in _OUTPUTS]
     unit = calibration.common_unit([(key.replace("_", " "), table.units[key]) for key in keys])

@@ -152,7 +152,7 @@ def _coefficients(each: GyroDrift, name: str) -> Section:
         known = {term: curve.coefficients[term] for term in POWERS if curve.coefficients}
         if known:
             found = (noise_quantity(term, one.value, interval=(one.low, one.high)) for term, one in known.items())
-            rows.append((Quantity("rate", state), *found))
+            rows.append((Quantity("rate", state, meaning="angular rate"), *found))
     note = (
         "sigma²(tau) = sum of A_m tau^m. An interval from 0: not significant. Intervals include the misfit of the sum. "
         "Systematic drift and a smoothed gyro are no sums of these noises, see the deviations"

@@ -13,7 +13,7 @@ import numpy as np
 
 from insnav.findings import Finding, Severity
 from insnav.fleet.batch import DRIVES, FILES, Navigated
-from insnav.messages import phrase, render
+from insnav.messages import form, phrase, render
 from insnav.plain_text import cell_text
 from insnav.quantity import Quantity, quantity_of
 from insnav.report.page import DataFrame, Light, Page, Section, Verdict, one_each, rows_frame
@@ -183,8 +183,8 @@ def page(result: Result[tuple[Navigated, ...]]) -> Page:
     total = len(rows)
     count = {light: sum(row.light == light for row in rows) for light in _ORDER}
     out = max((row for row in rows if row.stands_out), key=lambda row: row.score, default=None)
-    lights = ", ".join(f"{phrase(f'light.{light}')}: {n}" for light, n in count.items() if n)
-    outcome = f"{lights}." if out is None else f"{lights}; {out.drive.name} stands out most."
+    shown = form("list").join(phrase("terminal.line", name=phrase(f"light.{x}"), text=n) for x, n in count.items() if n)
+    outcome = f"{shown}{form('stop')}" if out is None else f"{shown}; {out.drive.name} stands out most."
     wrong = count["failed"] + count["bad"]
     light: Light = (
         "bad" if wrong else "attention" if count["attention"] or out else "unknown" if count["unknown"] else "good"

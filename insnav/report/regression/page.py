@@ -13,7 +13,7 @@ import numpy as np
 
 from insnav.exceptions import writing
 from insnav.findings import Code, Finding
-from insnav.messages import sentence
+from insnav.messages import sentence, speaking, translated
 from insnav.output.folder import write_text
 from insnav.quantity import Quantity
 from insnav.regression.baseline import Baseline, Origin
@@ -24,7 +24,7 @@ from insnav.report.figures import drawing, save
 from insnav.report.html import page_html
 from insnav.report.page import DataFrame, Page, Section, Verdict, drawn, of_table, only_json, rows_frame, section_tables
 from insnav.report.regression import panels
-from insnav.report.terminal import hanging, table_text
+from insnav.report.terminal import entry, hanging, table_text
 from insnav.result import Result
 from insnav.sample_statistics import rms
 
@@ -94,7 +94,7 @@ def page(result: Result[Regression]) -> Page:
             ),
             Section("cases", rows=tuple(starmap(_case, accuracy.cases.items())), show="json", keyed=True),
             Section("changes", rows=change_rows(changes), show="json"),
-            Section("", "Figures", figures=figures),
+            Section("", "Plots", figures=figures),
         ),
         (*_warnings(found), *RULES),
         verdict=_verdict(found),
@@ -113,15 +113,15 @@ def text(result: Result[Regression], width: int | None = None) -> str:
     comparison, baseline = found.comparison, found.baseline
     lines = [*_text(case_section(found)), ""]
     if comparison is None or baseline is None:
-        return "\n".join([*lines, "there is no baseline to compare with: --update-baseline makes one"])
+        return "\n".join([*lines, translated("there is no baseline to compare with: --update-baseline makes one")])
     for name in ("better", "worse"):
         chosen = [change for change in comparison.changes if change.verdict == name and not change.fails]
-        lines += [f"{name:<8}{change_text(change)}" for change in chosen]
+        lines += [entry(name, change_text(change)) for change in chosen]
     lines += _notes(baseline)
-    lines += [f"apart   {sentence(each)}" for each in comparison.apart.values()]
-    lines += [f"BROKEN  {sentence(each)}" for each in comparison.broken.values()]
-    lines += [f"FAILS   {change_text(change)}" for change in comparison.failing]
-    return "\n".join([*lines, *hanging([verdict_text(comparison, baseline.origin)], width)])
+    lines += [entry("apart", sentence(each)) for each in comparison.apart.values()]
+    lines += [entry("BROKEN", sentence(each)) for each in comparison.broken.values()]
+    lines += [entry("FAILS", change_text(change)) for change in comparison.failing]
+    return "\n".join([*lines, *hanging([translated(verdict_text(comparison, baseline.origin))], width)])
 
 
 def _text(section: Section) -> list[str]:
@@ -244,7 +244,7 @@ def case_section(found: Regression) -> Section:
 def change_text(change: Change) -> str:
     """Write one change in a line, with size and significance."""
     if change.metric.kind == "cpu":
-        return f"{panels.change_head(change)} ({change.shift.change + 1.0:.1f} times)"
+        return f"{panels.change_head(change)} ({translated(f'{change.shift.change + 1.0:.1f} times')})"
     return f"{panels.change_head(change)} ({100.0 * change.shift.change:+.1f} %, p {change.adjusted:.1g})"
 
 
@@ -301,7 +301,7 @@ def overconfident(baseline: Baseline) -> Iterator[Finding]:
 
 
 def _notes(baseline: Baseline) -> list[str]:
-    return [f"note    {sentence(each)}" for each in overconfident(baseline)]
+    return [entry("note", sentence(each)) for each in overconfident(baseline)]
 
 
 def write_pages(folder: Path, result: Result[Regression]) -> list[Path]:
@@ -314,7 +314,8 @@ def write_pages(folder: Path, result: Result[Regression]) -> list[Path]:
     chosen = [(each.caption, files[each.name].name) for each in shown.figures if each.name in _IN_SECTION]
     section = folder / SECTION
     kept = peers_of(section.read_text(encoding="utf-8")) if section.is_file() else ()
-    write_text(section, markdown(result.found, chosen, kept))
+    with speaking("en"):
+        write_text(section, markdown(result.found, chosen, kept))
     return [*files.values(), folder / PAGE, folder / SECTION]
 
 

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from scipy.special import stdtrit
 
+from insnav.messages import translated
 from insnav.regression.baseline import Baseline
 from insnav.regression.evaluate import FAILS_FROM, GROWTH, METRICS, Accuracy, CaseResult, Metric
 from insnav.regression.regress import Entry
@@ -39,7 +40,7 @@ TONES = (
 def change_head(change: Change) -> str:
     """Write case, metric, old and new value of one change."""
     unit = f" {change.metric.unit}" if change.metric.unit else ""
-    return f"{change.case}: {change.metric.label}: {number(change.old)} -> {number(change.new)}{unit}"
+    return f"{change.case}: {translated(change.metric.label)}: {number(change.old)} -> {number(change.new)}{unit}"
 
 
 def figures_tested(comparison: Comparison) -> int:
@@ -81,7 +82,7 @@ def _cell(change: Change, tests: int, key: str, behind: tuple[Table, ...]) -> Ce
     if change.metric.kind != "cpu":
         least = detectable(change.shift, tests)
         words = f"from {100.0 * least:.2g} % on a change is found" if np.isfinite(least) else "too few drives to test"
-        title += f" ({100.0 * size:+.1f} %, p {change.adjusted:.1g}; {words})"
+        title += f" ({100.0 * size:+.1f} %, p {change.adjusted:.1g}; {translated(words)})"
     return Cell(text, _tone(change, tests), title, key, behind)
 
 
@@ -118,14 +119,13 @@ def _behind(change: Change, result: Accuracy, baseline: Baseline, history: Seque
     return (*tables, Table(f"{what}s, baseline and now", columns, (("baseline", *then), ("now", *now))))
 
 
-def history_panels(history: Sequence[Entry], baseline: Baseline | None, metric: Metric) -> list[Panel]:
+def history_panels(history: Sequence[Entry], baseline: Baseline | None, metric: Metric) -> Iterator[Panel]:
     """Draw one figure of merit over the versions, with interval and baseline."""
     last, place = history[-1], np.arange(len(history), dtype=np.float64)
     versions = [each.origin.version for each in history]
     first = [i for i, name in enumerate(versions) if i == 0 or name != versions[i - 1]]
     shown = first if len(first) <= _TICKS else [first[k] for k in np.linspace(0, len(first) - 1, _TICKS).astype(int)]
     ticks, ends = tuple((float(i), versions[i]) for i in shown), np.array([-0.5, len(history) - 0.5])
-    panels = []
     for name, metrics in last.metrics.items():
         if metric.key not in metrics:
             continue
@@ -139,10 +139,7 @@ def history_panels(history: Sequence[Entry], baseline: Baseline | None, metric: 
         low, high = float(np.nanmin(seen)), float(np.nanmax(seen))
         span = high - low or abs(high) or 1.0
         limits = max(0.0, low - 0.25 * span), high + 0.15 * span
-        panels.append(
-            Panel(name, name, "", "version", tuple(curves), "versions", limits=limits, ticks=ticks, height=135)
-        )
-    return panels
+        yield Panel(name, name, "", "version", tuple(curves), "versions", limits=limits, ticks=ticks, height=135)
 
 
 def _versions(history: Sequence[Entry], place: FloatArray, name: str, metric: Metric) -> list[Curve]:

@@ -6,6 +6,7 @@ The verdict rates accuracy or stated uncertainty, and their agreement; a brief s
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from functools import partial
 from pathlib import Path
@@ -21,7 +22,7 @@ from insnav.exceptions import InputError
 from insnav.filter.gps_noise import heights_measured
 from insnav.findings import CORRECTIONS, OF_RESULTS, Code, Finding, Severity, by_time, is_shown, of_code
 from insnav.imu.imu_file import to_toml
-from insnav.messages import form, phrase, sentence, word
+from insnav.messages import Message, form, phrase, render, word
 from insnav.output import solution_tables
 from insnav.output.data_files import write_table
 from insnav.output.folder import RunFolder, read_facts
@@ -49,6 +50,7 @@ _PARTS = (
     ("tilt", "deg", slice(6, 8)),
     ("heading", "deg", slice(8, 9)),
 )
+_GROUPS = ("velocity", "attitude")
 _WARNINGS, _ASSUMED = 3, 6  # most lines of each; the page has the others
 _HARDLY, _UNKNOWN = 0.1, 0.7  # delay [s] and arm [m] sd of hardly known estimates
 _panels = library("insnav.report.run.panels")  # used only for a page
@@ -98,9 +100,7 @@ def run_line(result: Result[EvaluatedRun]) -> str:
     time, distance = run.solution.time, travelled(run.solution)[0]
     spans = outages(run)
     inside = [(end - start, rejected) for start, end, rejected in spans if start > time[0] and end < time[-1]]
-    since = time[0] if abs(time[0]) > 1.0 else None
-    length = duration_text(float(np.ptp(time)))
-    parts = [phrase("run.drive", duration=length, start_s=since, distance=distance_text(distance))]
+    parts = [phrase("run.drive", duration=duration_text(float(np.ptp(time))), distance=distance_text(distance))]
     rates = {name: result.inputs[name].rate_hz for name in ("imu", "gps") if name in result.inputs}
     parts += [phrase("run.rate", sensor=name.upper(), rate=number(hz) if hz else "") for name, hz in rates.items()]
     for name, refused in (("outages", False), ("rejected", True)):
@@ -161,16 +161,8 @@ def inside(errors: TrajectoryErrors, group: str = "position") -> float | None:
     return stated.get("inside_3_sd")
 
 
-def _too_sure(found: EvaluatedRun) -> tuple[str, ...]:
-    """List further quantities with errors above their stated sd."""
-    groups = ("velocity", "attitude")
-    shares = [(group, inside(each, group)) for group in groups for each in found.known_errors.values()]
-    return tuple(dict.fromkeys(group for group, share in shares if share is not None and share < HOLDS))
-
-
 def _light(found: EvaluatedRun, warnings: int) -> tuple[Light, str]:
     shares = [share for each in found.errors_on_clock.values() if (share := inside(each)) is not None]
-    diverged = any(of_code(found.run.events, Code.FILTER_DIVERGED))
     epochs = max((len(each.time) for each in found.errors_on_clock.values()), default=0)
     if 0 < epochs < FEW:
         return "unknown", phrase("run.few_epochs", count=epochs)
@@ -179,43 +171,32 @@ def _light(found: EvaluatedRun, warnings: int) -> tuple[Light, str]:
         return "unknown", phrase(f"run.{why}")
     if any(share < HOLDS for share in shares):
         return "bad", phrase("run.overconfident")
-    if diverged:
+    if any(of_code(found.run.events, Code.FILTER_DIVERGED)):
         return "bad", phrase("run.contradiction")
     if found.reference_late and shares and (mean_nis(found.run) or 0.0) < SCATTER:
         best = next(iter(found.errors_on_clock.values()))
         late = "fixes" if fixes_are_late(found.reference_late, delay_shown(found.run)) else "reference"
         return "attention", phrase(f"run.late_{late}", size=number(rms(best.horizontal)), unmoved=_unmoved(found))
-    more = _too_sure(found) if shares else ()
+    others = [(group, inside(each, group)) for group in _GROUPS for each in found.known_errors.values() if shares]
+    more = tuple(dict.fromkeys(group for group, share in others if share is not None and share < HOLDS))
     reasons = [phrase("run.warnings", count=warnings)] if warnings else []
     reasons += [phrase("run.groups_overconfident", groups=more)] if more else []
     if reasons:
         return "attention", form("parts").join(reasons)
     if shares:
-        if (share := _covered(found)) < MOST:
-            return "unknown", phrase("run.part", share=share)
-        return "good", phrase("run.good", times=_careful(found))
+        errors = next(iter(found.errors_on_clock.values()))
+        assert errors.sd is not None
+        covered = float(np.median(np.diff(errors.time))) * epochs / float(np.ptp(found.run.solution.time))
+        if covered < MOST:  # by the reference, without gaps
+            return "unknown", phrase("run.part", share=covered)
+        times = rms_length(errors.sd[:, :3]) / max(rms_length(errors.position), 1e-9)
+        return "good", phrase("run.good", times=number(times) if times > CAREFUL else "")
     nis = mean_nis(found.run)
     if nis is None:
         return "unknown", phrase("run.no_reference")
     if nis > SCATTER:
         return "attention", phrase("run.scatter_more", nis=number(nis))
     return "unknown", phrase("run.agree" if nis > 1.0 / SCATTER else "run.scatter_less", nis=number(nis))
-
-
-def _careful(found: EvaluatedRun) -> str:
-    """Write the ratio of stated sd to position errors, if large."""
-    errors = next(iter(found.errors_on_clock.values()))
-    assert errors.sd is not None
-    times = rms_length(errors.sd[:, :3]) / max(rms_length(errors.position), 1e-9)
-    return number(times) if times > CAREFUL else ""
-
-
-def _covered(found: EvaluatedRun) -> float:
-    """Compute the share of the drive that the reference covers, without gaps."""
-    if found.errors is None or len(found.errors.time) < 2:
-        return 0.0
-    time = found.errors.time
-    return float(np.median(np.diff(time))) * len(time) / float(np.ptp(found.run.solution.time))
 
 
 def _holds(found: EvaluatedRun) -> str:
@@ -226,7 +207,7 @@ def _holds(found: EvaluatedRun) -> str:
 
 
 def brief_lines(page: Page, found: EvaluatedRun, width: int | None = None) -> list[str]:
-    """Summarise a run: verdict, figures of merit of both solutions, warnings, assumptions.
+    """Summarise a run: verdict, figures of merit of both solutions, warnings; corrections and assumptions in short.
 
     `page`: of the run. `width`: of the lines; None: no wrapping.
     """
@@ -235,22 +216,27 @@ def brief_lines(page: Page, found: EvaluatedRun, width: int | None = None) -> li
     best, *others = rated(found) or [""]
     merits = {best: page.merits} | {mode: run_merits(found, mode) for mode in others}
     table = _table({mode: [each for each in own if each.key not in _IN_WORDS] for mode, own in merits.items()})
-    warnings = _listed("warning", page.warnings, _WARNINGS)
     estimates = form("parts").join(_estimates(found))
-    corrections = tuple(sentence(each, at=page.at) for each in of_code(page.findings, *CORRECTIONS))
+    corrections = [render(each, at=page.at).text for each in of_code(page.findings, *CORRECTIONS)]
     # findings contradict the reference, which may cause the errors
     wrong = any(event.subject == "ref" and event.severity >= Severity.WARNING for event in found.run.events)
     doubtful = page.verdict is not None and page.verdict.light == "bad" and not wrong
-    name = phrase("run.doubtful_estimates" if doubtful else "run.estimates")
-    shown = [phrase("terminal.line", name=name, text=estimates)] if estimates else []
-    shown += _listed("corrected", corrections, len(CORRECTIONS))
+    name = "doubtful_estimates" if doubtful else "estimates"
+    shown = [*_listed("warning", page.warnings, _WARNINGS), *_listed(name, [estimates] * bool(estimates), 1)]
+    shown += _listed("corrected", [form("joint").join(corrections)] * bool(corrections), len(CORRECTIONS))
     # one entry for an assumption on several files
     taken = {
         each.get("text") or each.code: each for each in page.findings[::-1] if each.severity is Severity.ASSUMPTION
     }
-    assumed = [sentence(each, at=page.at) for each in reversed(taken.values())]
+    assumed = [_with_options(render(each, at=page.at)) for each in reversed(taken.values())]
     shown += _listed("assumed", [form("joint").join(assumed[:_ASSUMED])] * bool(assumed), _ASSUMED, len(assumed))
-    return [*hanging([title, *verdict], width), *table, *hanging([*warnings, *shown], width)]
+    return [*hanging([title, *verdict], width), *table, *hanging(shown, width)]
+
+
+def _with_options(said: Message) -> str:
+    """Write an observation and the options that change it."""
+    options, stop = form("list").join(re.findall("--[a-z-]+", said.advice)), form("stop")
+    return f"{said.text.removesuffix(stop)} ({options}){stop}" if options else said.text
 
 
 def _estimates(found: EvaluatedRun) -> Iterator[str]:

@@ -235,7 +235,7 @@ def _separation(run: Run, axis: RunAxis) -> list[Panel]:
 
 
 def _motion(found: EvaluatedRun, axis: RunAxis) -> list[Panel]:
-    speeds, heights, tilts, headings = [], [], [], []
+    speeds, heights, tilts, headings, seen = [], [], [], [], list[Curve]()
     gps = found.gps
     for mode, solution in found.solutions.items():
         values = np.column_stack((np.linalg.norm(solution.v_n, axis=1), solution.lla[:, 2], solution.rph / DEG))
@@ -248,11 +248,14 @@ def _motion(found: EvaluatedRun, axis: RunAxis) -> list[Panel]:
         at = axis.clock(gps.time)
         speeds.insert(0, Curve("GPS", at, np.linalg.norm(gps.v_n, axis=1), style.GREY, "points"))
         heights.insert(0, Curve("GPS, at the antenna", at, gps.lla[:, 2], style.GREY, "points"))
+        named = ("satellites", gps.satellites, style.BLUE), ("DOP", gps.dop, style.ORANGE)
+        seen = [Curve(name, at, values, color, "points") for name, values, color in named if values is not None]
     return [
         axis.panel("speed", "Speed", "speed [m/s]", speeds),
         axis.panel("height", "Height", "height [m]", heights, note="of the IMU, zero as in the fixes"),
         axis.panel("tilt", "Roll and pitch", "angle [deg]", tilts, note="roll: right side down; pitch: nose up"),
         axis.panel("heading", "Heading", "heading [deg]", headings, note="from north, clockwise", limits=(-5.0, 365.0)),
+        *([axis.panel("reception", "Satellites and DOP", "[-]", seen, note="as the receiver reports")] if seen else []),
     ]
 
 

@@ -241,7 +241,7 @@ def shown_lines(page: Page, out: Path) -> list[str]:
     """Return the terminal lines of a simulated recording: summary, files, and command."""
     *lines, last = page.summary
     files = entry("files", f"{out}: imu.csv, gps.csv, ref.csv, report.html, run.json and others")
-    return [*lines, files, entry("next", in_folder(last.removeprefix("next").strip(), out))]
+    return [*lines, files, entry("next", in_folder(last[last.index("insnav ") :], out))]
 
 
 def motion_lines(plan: Plan, time: FloatArray, motion: Kinematics) -> list[str]:

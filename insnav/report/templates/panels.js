@@ -162,7 +162,7 @@ class Panel extends Drawing {
     const named = this.curves.filter(each => ["line", "dashed"].includes(each.kind) && each.text);
     named.forEach((curve, i) => { // one beside the other, so that near lines do not cover the names
       const row = Math.floor(curve.x.length * (i + 0.6) / (named.length + 0.2));
-      const label = new Bokeh.Label({x: curve.x[row], y: curve.y[row], text: curve.text[0], text_font_size: "11px", text_font_style: "bold", text_align: "center", text_baseline: "bottom", y_offset: 3, background_fill_alpha: 0.75});
+      const label = new Bokeh.Label({x: curve.x[row], y: curve.y[row], text: curve.text[0], text_font_size: "11px", text_font_style: "bold", text_align: ["left", "center", "right"][Math.round(2 * row / (curve.x.length - 1))], text_baseline: "bottom", y_offset: 3, background_fill_alpha: 0.75});
       this.paint(label, "text_color", curve.colour);
       this.paint(label, "background_fill_color", "--paper");
       figure.add_layout(label);
