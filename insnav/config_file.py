@@ -6,7 +6,6 @@ import copy
 import difflib
 import functools
 import math
-import operator
 import re
 import tomllib
 from collections.abc import Iterable, Mapping, Sequence
@@ -138,11 +137,11 @@ def checked(model: type[Model], data: dict[str, Any]) -> tuple[Model | None, lis
     except ValidationError as error:
         every = error.errors(include_url=False, include_input=False)
         unknown = [each for each in every if each["type"] == "extra_forbidden"]
-        if unknown:  # pydantic checks a table no further
-            data = copy.deepcopy(data)
-            for *place, key in (each["loc"] for each in unknown):
-                del functools.reduce(operator.getitem, place, data)[key]
-        more = checked(model, data)[1] if unknown else [_problem(model, each) for each in every]
+        known: Any = copy.deepcopy(data)
+        for *place, key in (each["loc"] for each in unknown):
+            del functools.reduce(lambda table, name: table[name], place, known)[key]
+        # pydantic checks a table with an unknown key no further
+        more = checked(model, known)[1] if unknown else [_problem(model, each) for each in every]
         return None, [*(_problem(model, each) for each in unknown), *more]
 
 

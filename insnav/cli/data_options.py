@@ -74,7 +74,7 @@ class Data:
         assert self.imu is not None
         compile_at_first(self.imu)
         stage("reading")
-        recording = read(self.imu, self.gps, self.ref, self.inputs, to_navigate=True)
+        recording = read(self.imu, self.gps, self.ref, self.inputs, run=True)
         for facts in recording.facts.values():
             say_reading(facts)
         drive = drive_of(recording)

@@ -197,6 +197,16 @@ def test_all_errors_of_an_imu_file_are_told_at_once(drive: Path, cli: Cli):
         assert word in shown
 
 
+def test_an_unknown_key_hides_no_missing_one(drive: Path, cli: Cli):
+    text = '[gyro]\nbias_instability = "5 deg/h"\nnoise_density = "1 deg/h"\n[accel]\nbias = 1\nbias_drift = "1 mg"\n'
+    Path("imu.toml").write_text(text, encoding="utf-8")
+    shown = cli("run", "imu.csv", "--gps", "gps.csv", "--imu", "imu.toml")
+    assert shown.code == 2
+    for each in ("gyro.noise_density", "gyro: ", "accel.bias_drift", "accel.bias: "):
+        assert each in shown.err
+    assert "correlation_time" in shown.err.split("gyro: ")[1]
+
+
 def test_an_imu_file_that_is_no_toml_is_named(drive: Path, cli: Cli):
     Path("bad.toml").write_text("[gyro\n")
     refused(cli("run", "imu.csv", "--gps", "gps.csv", "--imu", "bad.toml"), 2, "bad.toml", "line 1")
