@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import copy
 import difflib
+import functools
 import math
 import re
 import tomllib
@@ -133,7 +135,14 @@ def checked(model: type[Model], data: dict[str, Any]) -> tuple[Model | None, lis
     try:
         return model.model_validate(data), []
     except ValidationError as error:
-        return None, [_problem(model, details) for details in error.errors(include_url=False, include_input=False)]
+        every = error.errors(include_url=False, include_input=False)
+        unknown = [each for each in every if each["type"] == "extra_forbidden"]
+        known: Any = copy.deepcopy(data)
+        for *place, key in (each["loc"] for each in unknown):
+            del functools.reduce(lambda table, name: table[name], place, known)[key]
+        # pydantic checks a table with an unknown key no further
+        more = checked(model, known)[1] if unknown else [_problem(model, each) for each in every]
+        return None, [*(_problem(model, each) for each in unknown), *more]
 
 
 def refuse(problems: list[ConfigError], where: str) -> NoReturn:

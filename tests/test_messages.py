@@ -124,8 +124,8 @@ def test_the_delay_and_the_lever_arm_of_a_run_are_in_words():
     assert phrase("run.delay", delay_s=-0.069, sd_s=0.004) == "the fixes are 0.069 ± 0.004 s early"
     assert phrase("run.delay", delay_s=0.069, sd_s=0.004) == "the fixes are 0.069 ± 0.004 s late"
     assert phrase("run.on_time", sd_s=0.05) == "the fixes are on time to ± 0.050 s"
-    arm = phrase("run.lever", arm=("1.00 ± 0.10", "not told"))
-    assert arm == "lever arm forward, right, down 1.00 ± 0.10, not told m"
+    arm = phrase("run.lever", arm=("1.00 ± 0.10 m", "not told"))
+    assert arm == "lever arm forward, right, down 1.00 ± 0.10 m, not told"
 
 
 def test_each_language_has_the_same_forms():

@@ -74,7 +74,7 @@ class Data:
         assert self.imu is not None
         compile_at_first(self.imu)
         stage("reading")
-        recording = read(self.imu, self.gps, self.ref, self.inputs)
+        recording = read(self.imu, self.gps, self.ref, self.inputs, run=True)
         for facts in recording.facts.values():
             say_reading(facts)
         drive = drive_of(recording)
@@ -189,9 +189,9 @@ def _refuse_nothing(*files: Path | None) -> None:
 
 def _option(what: Input) -> inspect.Parameter:
     literal: Any = Literal  # of words that are known only here
-    kinds: dict[str, type] = {"file": Path, "number": float}
-    kind = literal[what.choices] if what.choices else kinds.get(what.kind, str)
-    return _parameter(_name(what), kind, option(what.group, what.metavar, what.meaning, what.option))
+    kind = literal[what.choices] if what.choices else {"file": Path, "number": float}.get(what.kind, str)
+    more = {"parser": functools.partial(common.number_in, what.unit, what.option)} if what.kind == "number" else {}
+    return _parameter(_name(what), kind, option(what.group, what.metavar, what.meaning, what.option, **more))
 
 
 def _parameter(name: str, kind: Any, how: Any, *, needed: bool = False) -> inspect.Parameter:

@@ -163,6 +163,18 @@ def span(text: str, option: str) -> tuple[float, float]:
     return begin, end
 
 
+def number_in(unit: str, option: str, text: str) -> float:
+    """Return a number in `unit`; the text may have another unit of its dimension: ``150 ms``."""
+    try:
+        return float(text)
+    except ValueError:
+        from insnav.config_file import parse_quantity
+        from insnav.units import UNITS
+
+        dimension, size = UNITS[unit]
+        return parse_quantity(text, dimension, where=option) / size
+
+
 def finite(value: float, option: str, *, largest: float = math.inf) -> float:
     """Accept a number that is finite and not implausibly large."""
     if not math.isfinite(value) or abs(value) > largest:

@@ -382,7 +382,12 @@ def judged(result: Result[Any], run: EvaluatedRun) -> Result[Any]:
         *(each for each in of_files if each.severity is Severity.ASSUMPTION),
         *result.findings,
     )
-    return replace(result, findings=tuple(dict.fromkeys(ordered)))
+    return replace(result, findings=tuple(sorted(dict.fromkeys(ordered), key=_place)))
+
+
+def _place(each: Finding) -> tuple[bool, bool]:
+    """Order findings: unusable, then wrong inputs, which can cause the others; the rest keeps its order."""
+    return each.severity is not Severity.UNUSABLE, each.severity is not Severity.WARNING or "given" not in each.code
 
 
 def run_warnings(found: EvaluatedRun) -> tuple[Finding, ...]:

@@ -61,7 +61,12 @@ def look_at_fixes(gps: GpsData) -> FixFigures:
     scatter = 1.4826 * np.median(np.abs(third[whole]), axis=0) / np.sqrt(20.0) if whole.any() else np.full(3, np.nan)
     contradictions = _contradictions(gps, gone, step, even, lag if lag_sd < 0.02 else 0.0)
     reported = np.isfinite(gps.position_sd).all(axis=1)
-    speed = np.linalg.norm(gps.v_n[known, :2], axis=1) if known.any() else np.linalg.norm(gone[:, :2], axis=1) / step
+    if known.any():
+        speed = np.linalg.norm(gps.v_n[known, :2], axis=1)
+    else:  # over a span in which four sd of a position difference are less than `FALSE`
+        noise = 4.0 * np.sqrt(2.0) * float(np.hypot(*scatter[:2])) if whole.any() else 0.0
+        span = int(np.clip(np.ceil(noise / (FALSE * usual)), 1, len(gone)))
+        speed = np.linalg.norm((path[span:] - path[:-span])[:, :2], axis=1) / (gps.time[span:] - gps.time[:-span])
     return FixFigures(
         len(gps.time),
         1.0 / usual,

@@ -137,6 +137,9 @@ def check(
     facts = {} if data is None else data.facts
     if data is None and "gps" in given:
         facts, found = _fixes_alone(given["gps"], found, patient)
+    if known.get("axes") is None and "imu" in facts:  # axes that a refusal requested, not the user
+        own = tuple(each for each in facts["imu"].evidence if each.code is not Code.AXES_GIVEN)
+        facts = {**facts, "imu": replace(facts["imu"], evidence=own)}
     problems = tuple(sorted(patient.problems, key=lambda each: WORST_FIRST.index(each.code)))
     line = _command(patient) if "imu" in given else ""
     as_given = found.run is not None and not patient.refusals

@@ -13,9 +13,9 @@ from numpy.typing import ArrayLike
 from insnav import strapdown
 from insnav.alignment.in_motion import first_motion, velocity
 from insnav.attitude import rph_from_quat
-from insnav.exceptions import AlignmentError, InputError
+from insnav.exceptions import AlignmentError, ConfigError, InputError
 from insnav.filter.error_model import Part
-from insnav.filter.gps_noise import DEFAULT_POSITION, DEFAULT_VELOCITY, with_sd
+from insnav.filter.gps_noise import DEFAULT_POSITION, DEFAULT_VELOCITY, MOST, CorrelatedNoise, with_sd
 from insnav.filter.navigator import COAST, Navigator
 from insnav.filter.prepare import AFTER, DELAY_SD, LONGEST_GAP, SHORTEST, GivenStart, Start, prepare, spans
 from insnav.filter.run_recorder import ROOM, Record
@@ -111,6 +111,9 @@ class OnlineFilter:
         IMU error specification: a grade, a part, a file.
     states : {21, 15}
         With or without scale factor errors.
+    correlated : (2,) sequence of float, optional
+        Time-correlated errors of the positions: share of the variance of a fix [-], at most 0.95, and correlation time
+        [s]. By default the errors are white, and the standard deviations are too small for most receivers.
     **inputs
         As for `insnav.load`: ``lever_arm`` and ``gps_delay`` (estimated if absent), ``lever_arm_sd``, ``heading``,
         ``static``, ``initial``, ``sampling``, ``stamp``. ``rate``: samples per second, by default their mean rate until
@@ -129,9 +132,19 @@ class OnlineFilter:
     >>> nav.state.lla, nav.state.sd  # doctest: +SKIP
     """
 
-    def __init__(self, imu: str | Path | ImuSpec, *, states: int = 21, **inputs: Unpack[Inputs]) -> None:
+    def __init__(
+        self,
+        imu: str | Path | ImuSpec,
+        *,
+        states: int = 21,
+        correlated: tuple[float, float] | None = None,
+        **inputs: Unpack[Inputs],
+    ) -> None:
         for name in inputs:
             one_of("OnlineFilter", name, INPUTS)
+        for value, high, unit in zip(correlated or (), (MOST, np.inf), ("", "s"), strict=bool(correlated)):
+            if not 0.0 < value <= high:
+                raise ConfigError("input.out_of_range", where="correlated", value=value, low=0, high=high, unit=unit)
         inputs = checked(inputs)
         given, arm, delay = given_imu(imu), vector("lever_arm", inputs.get("lever_arm")), inputs.get("gps_delay")
         arm_sd, start, rate = inputs.get("lever_arm_sd"), inputs.get("initial"), inputs.get("rate")
@@ -147,7 +160,7 @@ class OnlineFilter:
         )
         none, three = np.empty(0), np.empty((0, 3))
         self._nothing = ImuData(none, three, three, inputs.get("sampling") or "mean", inputs.get("stamp") or "end")
-        self._states, self._nominal = states, None if rate is None else 1.0 / rate
+        self._states, self._nominal, self._correlated = states, None if rate is None else 1.0 / rate, correlated
         self._record = _Findings()
         self._record.event(given[1])
         self._nav: Navigator | None = None
@@ -298,9 +311,14 @@ class OnlineFilter:
             until = moving - self._settings.delay + AFTER
         if self._last < until or (self._nominal is None and self._last - begin < SHORTEST) or not gps.time.size:
             return held
+        settings = self._settings
+        if self._correlated is not None:
+            share, lasting = self._correlated
+            sd = np.sqrt(share) * np.median(gps.position_sd, axis=0)
+            settings = replace(settings, correlated=CorrelatedNoise(share, lasting, sd))
         try:
             ready = prepare(
-                *(held, gps, self._spec, self._settings),
+                *(held, gps, self._spec, settings),
                 states=self._states,
                 known=GivenStart(start, self._static, self._heading if first else None),
                 nominal=self._nominal,

@@ -64,9 +64,11 @@ def by_name(inputs: NamedInputs) -> Inputs:
 
 
 def read(
-    imu: Given | ImuData, gps: Given | GpsData | None, ref: Given | Trajectory | None, inputs: Inputs
+    imu: Given | ImuData, gps: Given | GpsData | None, ref: Given | Trajectory | None, inputs: Inputs, run: bool = False
 ) -> Recording:
     """Read a drive, small files first, to report their errors early.
+
+    `run`: to be navigated, so that the lack of any position, reported later, is more important than the axes.
 
     Raises: ConfigError, InputError: invalid inputs or data; `where` names the input.
     """
@@ -81,7 +83,8 @@ def read(
         fixes = None if given["gps"] is None else _read_gps(given["gps"], inputs)
     reference = None if given["reference"] is None else read_ref(given["reference"], inputs)
     logs = {name: read_sensor_log(_table(log), name) for name, log in given_logs.items()}
-    samples = read_samples(given["imu"], inputs, any_way=fixes is not None)
+    nowhere = run and reference is None and inputs.get("lat") is None
+    samples = read_samples(given["imu"], inputs, any_way=fixes is not None or nowhere)
     return Recording(samples, fixes, reference, logs, inputs)
 
 

@@ -6,6 +6,7 @@ import csv
 import errno
 import json
 import os
+import re
 import shutil
 import sys
 from collections.abc import Callable
@@ -13,6 +14,7 @@ from pathlib import Path
 
 import pytest
 
+from insnav.cli.options import number_in
 from insnav.messages import phrase
 from tests.cli.conftest import QUICK, Cli, Outcome
 
@@ -101,6 +103,30 @@ def test_a_missing_file_is_named_with_its_likely_name(drive: Path, cli: Cli):
     refused(cli("run", "imu.csv", "--gps", "gsp.csv"), 3, "format.no_file", "gsp.csv", "gps.csv")
 
 
+@pytest.mark.parametrize(("text", "delay"), [("0.15", 0.15), ("150ms", 0.15), ("-0.15 s", -0.15)])
+def test_a_number_may_have_a_unit(text: str, delay: float):
+    assert number_in("s", "--gps-delay", text) == pytest.approx(delay)
+
+
+@pytest.mark.parametrize(("text", "code"), [("150 mm", "unit.of_other_dimension"), ("late", "unit.missing")])
+def test_a_number_of_another_unit_is_refused_with_the_right_ones(drive: Path, cli: Cli, text: str, code: str):
+    shown = cli("run", "imu.csv", "--gps", "gps.csv", "--gps-delay", text)
+    assert (shown.code, code in shown.err, "--gps-delay" in shown.err) == (2, True, True)
+    assert re.search(r"\bs\b", shown.err.split("fix:")[1])
+
+
+def test_missing_fixes_are_named_before_the_axes(drive: Path, cli: Cli):
+    header, *rows = (drive / "imu.csv").read_text(encoding="utf-8").splitlines()
+    names, cells = header.split(","), [row.split(",") for row in rows]
+    turned = [i for i, name in enumerate(names) if re.search("_[yz](_|$)", name)]
+    for row in cells:
+        for i in turned:
+            row[i] = str(-float(row[i]))
+    Path("flu.csv").write_text("\n".join([header, *map(",".join, cells)]), encoding="utf-8")
+    assert "align.no_position" in cli("run", "flu.csv").err
+    assert "columns.axes_flu" in cli("align", "flu.csv", "--lat", "48").err
+
+
 def test_a_position_file_given_as_imu_is_recognised(drive: Path, cli: Cli):
     refused(cli("run", "gps.csv", "--gps", "gps.csv"), 3, "columns.missing")
 
@@ -169,6 +195,16 @@ def test_all_errors_of_an_imu_file_are_told_at_once(drive: Path, cli: Cli):
     shown = cli("run", "imu.csv", "--gps", "gps.csv", "--imu", "bad.toml").err
     for word in ("gyro.bias", "furlongs", "biass", "accel.bias"):
         assert word in shown
+
+
+def test_an_unknown_key_hides_no_missing_one(drive: Path, cli: Cli):
+    text = '[gyro]\nbias_instability = "5 deg/h"\nnoise_density = "1 deg/h"\n[accel]\nbias = 1\nbias_drift = "1 mg"\n'
+    Path("imu.toml").write_text(text, encoding="utf-8")
+    shown = cli("run", "imu.csv", "--gps", "gps.csv", "--imu", "imu.toml")
+    assert shown.code == 2
+    for each in ("gyro.noise_density", "gyro: ", "accel.bias_drift", "accel.bias: "):
+        assert each in shown.err
+    assert "correlation_time" in shown.err.split("gyro: ")[1]
 
 
 def test_an_imu_file_that_is_no_toml_is_named(drive: Path, cli: Cli):

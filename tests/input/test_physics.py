@@ -148,6 +148,17 @@ def test_rates_named_as_increments_are_refused(tmp_path):
         read_imu(write(tmp_path / "a.csv", TRUTH, INCREMENTS))
 
 
+def test_units_of_increments_for_rates_in_g_are_refused(tmp_path):
+    rates = TRUTH.copy()
+    rates[:, 4:7] /= 9.80665
+    with refused(InputError, "columns.accel_rates"):
+        read_imu(write(tmp_path / "a.csv", rates, PLAIN), units="deg")
+    rates[:, 4:7] *= 30.0
+    with refused(InputError, "columns.no_gravity") as caught:
+        read_imu(write(tmp_path / "b.csv", rates, PLAIN), units="deg")
+    assert dict(caught.value.values)["shown"] == pytest.approx(30.0, rel=0.02)  # as in the file
+
+
 def test_sampling_that_contradicts_the_columns_is_refused(tmp_path):
     increments = write(tmp_path / "a.csv", _scaled(0.01, 0.01), INCREMENTS)
     rates = write(tmp_path / "b.csv", TRUTH, IMU_HEADER)

@@ -7,6 +7,7 @@ import insnav
 from insnav.exceptions import InputError
 from insnav.findings import Code, Severity
 from insnav.input import read_gps, read_reference
+from insnav.messages import sentence
 from tests.input.files import GPS_HEADER, IMU_HEADER, fixes, noted, rolling, write
 from tests.refusals import refused
 
@@ -195,7 +196,14 @@ def test_what_heights_are_is_said(tmp_path, name, option, kind):
     ellipsoidal = Code.READ_HEIGHT_ELLIPSOIDAL if option else Code.READ_HEIGHT_ELLIPSOIDAL_ASSUMED
     (height,) = noted(reading, Code.READ_HEIGHT_MSL, Code.READ_HEIGHT_ELLIPSOIDAL, Code.READ_HEIGHT_ELLIPSOIDAL_ASSUMED)
     assert height.code == (Code.READ_HEIGHT_MSL if kind == "msl" else ellipsoidal)
-    assert height.severity == (Severity.NOTE if option or kind == "msl" else Severity.ASSUMPTION)
+    assert (height.severity is Severity.NOTE) == (height.code is Code.READ_HEIGHT_ELLIPSOIDAL)
+
+
+def test_only_fixes_have_an_option_for_their_heights(tmp_path):
+    path = write(tmp_path / "log.csv", ROWS, GPS_HEADER.replace("height_m", "alt"))
+    for read, named in ((read_gps, True), (read_reference, False)):
+        (height,) = noted(read(path), Code.READ_HEIGHT_ELLIPSOIDAL_ASSUMED)
+        assert ("--gps-height" in sentence(height)) == named
 
 
 def test_of_two_heights_the_right_one_is_taken(tmp_path):

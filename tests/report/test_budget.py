@@ -212,6 +212,17 @@ def test_what_is_missing_or_too_large_is_said(found):
     assert steep["attitude_rad"] == consumer.covariance.total[consumer.chosen[-1], 6:].max()
 
 
+def test_beyond_the_linear_model_every_figure_is_the_simulated_one():
+    steep = budget(load_imu("consumer"), at_rest(60.0), (60.0,), runs=20)
+    down = float(steep.simulated.total[-1, 2])
+    assert down > 2.0 * steep.covariance.total[-1, 2]
+    laid_out = page_of(steep)
+    shown = {each.key: each.value for each in laid_out.merits}
+    assert (shown["down"], shown["after_60_s"]) == (down, float(horizontal(steep.simulated.total[-1])))
+    assert cells(section_tables(contributions_section(steep))[0], "together (RSS)")["down"] == number(down)
+    assert f"down: {number(down)} m" in laid_out.summary[0]
+
+
 def test_a_held_vertical_is_said():
     held = budget(plain(), at_rest(10.0), (10.0,), hold=True)
     sheet = page_of(held)

@@ -42,6 +42,17 @@ def in_words(findings, time) -> tuple[str, ...]:
     return Page("", (), (), tuple(findings), at=clock.moment, starts_at=clock.start).warnings
 
 
+def test_wrong_inputs_are_named_before_their_effects(navigated):
+    lost = Finding.of(Code.RUN_HEADING_LOST, severity=Severity.UNUSABLE)
+    effects = [Finding.of(code, severity=WARNING) for code in (Code.RUN_LATE_FIXES, Code.CHECK_NO_SD)]
+    wrong = [Finding.of(code) for code in (Code.GIVEN_DELAY_REJECTED, Code.MOUNTING_CONTRADICTS_GIVEN)]
+    kept = Finding.of(Code.IMU_MODEL_GIVEN)
+    shown = seen(navigated, navigated.found, findings=(kept, *effects, *wrong, lost)).findings
+    serious = [each for each in shown if each in {*effects, *wrong, lost}]
+    assert serious == [lost, *wrong, *effects]
+    assert shown.index(kept) > shown.index(effects[-1])
+
+
 def test_a_few_lines_say_what_matters(navigated):
     text = navigated.summary()
     lines = text.splitlines()
@@ -232,7 +243,7 @@ def test_what_was_not_given_is_said_as_the_drive_shows_it(driven, navigated):
     lines = brief_lines(replace(page, findings=notes), EvaluatedRun(shown, gps), None)
     sure, doubtful = (phrase("terminal.line", name=phrase(f"run.{x}estimates"), text="") for x in ("", "doubtful_"))
     early = phrase("run.delay", delay_s=-0.069, sd_s=0.004)
-    lever = phrase("run.lever", arm=("1.00 ± 0.10", "0.00 ± 0.02", "-0.50 ± 0.01"))
+    lever = phrase("run.lever", arm=("1.00 ± 0.10 m", "0.00 ± 0.02 m", "-0.50 ± 0.01 m"))
     (said,) = [line for line in lines if line.startswith((sure, doubtful))]
     assert said.endswith(f"{early}{form('parts')}{lever}")
     assert phrase("terminal.line", name=phrase("run.corrected"), text=render(notes[0]).text) in lines

@@ -286,6 +286,29 @@ def test_velocities_that_are_not_there_have_no_figures() -> None:
     assert np.isnan([found.velocity_lag, found.velocity_lag_sd, found.false_velocities, found.worst_velocity]).all()
 
 
+def test_noise_of_the_fixes_is_not_speed() -> None:
+    time, rng = np.arange(0.0, 400.0, 0.2), np.random.default_rng(1)
+    bend = np.cumsum(np.where(time % 100.0 < 40.0, 0.02, 0.0)) * 0.2
+    north, east = (
+        np.cumsum(13.9 * 0.2 * each) + rng.normal(0.0, 0.7, time.size) for each in (np.cos(bend), np.sin(bend))
+    )
+    lla = np.stack([0.8 + north / 6.37e6, 0.2 + east / 6.37e6 / np.cos(0.8), np.full(time.size, 300.0)], axis=1)
+    none = np.full((time.size, 3), np.nan)
+    assert look_at_fixes(GpsData(time, lla, none, none, none)).largest_speed == pytest.approx(13.9, abs=1.0)
+    outage = (time < 100.0) | (time > 160.0)
+    found = look_at_fixes(GpsData(time, lla, none, none, none).rows(outage))
+    assert found.largest_speed == pytest.approx(13.9, abs=1.0)
+
+
+def test_axes_that_the_check_tries_are_not_called_given(tmp_path) -> None:
+    path = table(tmp_path / "log.csv", samples(SHORT, lambda t: text((t - 408_123.45) * 1e3, 0), matrix=FLU))
+    for options, given in (({}, False), ({"axes": "FLU"}, True)):
+        result = check(path, **options)
+        assert any(of_code(result.inputs["imu"].evidence, Code.AXES_GIVEN)) == given
+        refusals = of_code(result.found.problems, Code.CHECK_OPTION_NEEDED)
+        assert ("columns.axes_flu" in [each["cause"].code for each in refusals]) == (not given)
+
+
 def test_what_the_run_takes_care_of_is_no_mend():
     kept = Finding.of(Code.CHECK_FALSE_VELOCITIES, share=0.007, speed_m_s=4.0)
     refused = Finding.of(Code.CHECK_REFUSED, cause=InputError("session.no_gps").facts)

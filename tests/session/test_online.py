@@ -259,3 +259,24 @@ def test_bad_inputs_are_refused() -> None:
     for given in ({"lever_arm": (0, 0)}, {"gps_delay": 60.0}, {"static": (5.0, 1.0)}, {"rate": 0.0}):
         with pytest.raises(ConfigError):
             OnlineFilter(**(GIVEN | given))
+
+
+def test_correlated_errors_of_fixes_are_covered_if_given() -> None:
+    inside: dict[bool, list[float]] = {True: [], False: []}
+    share = 1.3**2 / (0.7**2 + 1.3**2)  # of the receiver "single", with 100 s
+    for seed in (1, 2):
+        imu, gps, truth = city(seed)
+        for correlated in (None, (share, 100.0)):
+            states = [each for each in fed(imu, gps, 100, **GIVEN, correlated=correlated)[1] if each.aligned]
+            time, lla, sd = (np.array([getattr(each, name) for each in states]) for name in ("time", "lla", "sd"))
+            true = np.column_stack([np.interp(time, truth.time, each) for each in truth.lla.T])
+            inside[correlated is None].append(np.mean((np.abs(ned_offset(lla, true)) < 3.0 * sd[:, :3]).all(axis=1)))
+    assert min(inside[False]) > 0.95
+    assert max(inside[True]) < 0.3
+
+
+@pytest.mark.parametrize("correlated", [(1.2, 100.0), (0.5, 0.0), (np.nan, 100.0), (0.5, np.nan)])
+def test_impossible_correlation_is_refused(correlated: tuple[float, float]) -> None:
+    with pytest.raises(ConfigError, match="sensible") as caught:
+        insnav.OnlineFilter("automotive", correlated=correlated)
+    assert caught.value.where == "correlated"

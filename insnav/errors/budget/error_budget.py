@@ -254,11 +254,9 @@ class Budget:
         return bool(self.covariance.total[self.chosen, 6:].max() <= LINEAR)
 
     @property
-    def headline(self) -> FloatArray:
-        """Valid standard deviations (m, 9): from covariance, or simulated beyond its range."""
-        if self.simulated is None or self.linear:
-            return self.covariance.total
-        return self.simulated.total
+    def valid(self) -> Column | SimulatedColumn:
+        """Valid standard deviations: from covariance, or simulated beyond its range."""
+        return self.covariance if self.simulated is None or self.linear else self.simulated
 
     def short_form_error(self, time: float) -> tuple[float, float]:
         """Compute the relative error of the short forms, for a bias or tilt and for a gyro bias: true / form - 1."""

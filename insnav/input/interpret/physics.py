@@ -160,8 +160,8 @@ def find_accel_unit(
             values = {"error": error, "limit": _GRAVITY_TOLERANCE, "gravity_m_s2": gravity}
             return unit, Finding.of(Code.UNITS_ACCEL_UNCALIBRATED, **values, unit=unit)
     other = norms * interval if increments else norms / interval
-    per_sample = np.mean(np.abs(other / _GRAVITY - 1.0) < _GRAVITY_TOLERANCE) > _MIN_SHARE
-    if per_sample:
+    sizes = (ALL_UNITS[unit][1] for unit in (_ACCEL_UNITS if increments else _DVEL_UNITS))
+    if any(np.mean(np.abs(other * size / _GRAVITY - 1.0) < _GRAVITY_TOLERANCE) > _MIN_SHARE for size in sizes):
         gives = {"sampling": "mean" if increments else "increment"}
         raise InputError(
             "columns.accel_rates" if increments else "columns.accel_increments",
@@ -169,6 +169,7 @@ def find_accel_unit(
             interval_s=interval,
             gives=gives,
         )
+    middle = float(np.median(other)) if increments else middle  # as in the file
     exchanged = abs(float(np.linalg.norm(quiet.rate)) / _GRAVITY - 1.0) < 0.5  # the largest rate, including motion
     if not exchanged and float(np.linalg.norm(quiet.mean.mean(axis=0))) < _AIMLESS * float(norms.mean()):
         raise InputError("columns.gravity_removed", where=where, shown=middle)

@@ -142,7 +142,7 @@ def read_positions(
     table = open_table(path, "gps" if kind == "GPS" else "reference")
     name = table.name
     found, notes = understand(table.headers, table.units, schema, columns=columns, parts=table.parts, where=name)
-    height_key, height_kind, height_evidence = _height(found, height, table)
+    height_key, height_kind, height_evidence = _height(found, height, table, "--gps-height" if kind == "GPS" else "")
     hint, gives = "", dict[str, Any]()
     if sum(header.lower().startswith(("gyro", "acc", "dtheta", "dvel")) for header in table.headers) > 3:
         hint = "imu_as_positions"
@@ -212,15 +212,15 @@ def read_positions(
     return replace(reading, fix=fix)
 
 
-def _height(found: Mapping[str, Found], height: Height | None, table: Table) -> tuple[str, str, Finding]:
-    """Return the key of the height column, its type, and the evidence."""
+def _height(found: Mapping[str, Found], height: Height | None, table: Table, option: str) -> tuple[str, str, Finding]:
+    """Return the key of the height column, its type, and the evidence; `option` gives the type, if there is one."""
     words = {compact(header) for header in table.headers}
     stated = compact(found["height"].header) if "height" in found else ""
     by_program = "alt" in stated and "ellipsoid" not in stated and bool(words & _OF_SEA_LEVEL)
     above_sea = "height_msl" in found and (height == "msl" or "height" not in found)
     key = "height_msl" if above_sea else "height"
     kind = "msl" if above_sea or height == "msl" or (by_program and not height) else "ellipsoidal"
-    given = "--gps-height" if height else ""
+    given = option if height else ""
     column = "" if height or not found.keys() & {key} else found[key].header
     if kind == "msl":
         return key, kind, Finding.of(Code.READ_HEIGHT_MSL, column=column, option=given)
@@ -228,7 +228,7 @@ def _height(found: Mapping[str, Found], height: Height | None, table: Table) -> 
     if height or named or table.format not in _ANY_HEIGHT:
         by_format = "" if height or named else table.format
         return key, kind, Finding.of(Code.READ_HEIGHT_ELLIPSOIDAL, format=by_format, column=named, option=given)
-    return key, kind, Finding.of(Code.READ_HEIGHT_ELLIPSOIDAL_ASSUMED)
+    return key, kind, Finding.of(Code.READ_HEIGHT_ELLIPSOIDAL_ASSUMED, change=option)
 
 
 def _no_position(raw: dict[str, FloatArray]) -> BoolArray:

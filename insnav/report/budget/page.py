@@ -418,7 +418,7 @@ def frame(result: Result[BudgetStudy]) -> DataFrame:
 def summary(budget: Budget) -> tuple[str, ...]:
     """Return summary sentences beyond the verdict."""
     last = budget.chosen[-1]
-    total = budget.headline[last]
+    total = budget.valid.total[last]
     part, order = shares(budget), ranked(budget)
     largest = ", ".join(f"{budget.families[k]} {100.0 * part[k]:.0f} %" for k in order[:3] if part[k] >= 0.005)
     down = "held to the reference" if budget.hold else f"{number(total[2])} m"
@@ -514,7 +514,7 @@ def headline(budget: Budget) -> str:
         ways.append(f"simulated {number(float(horizontal(budget.simulated.total[last])))}")
     if budget.recorded is not None:
         ways.append(f"recorded {recorded_text(budget, len(budget.chosen) - 1)}")
-    whole = number(float(horizontal(budget.headline[last])))
+    whole = number(float(horizontal(budget.valid.total[last])))
     first = ranked(budget)[0]
     share, name = 100.0 * float(shares(budget)[first]), budget.families[first]
     largest = f"; {share:.0f} % of the variance is {size(budget, name)} of {name}" if share >= 1.0 else ""

@@ -265,7 +265,7 @@ def contributions_rows(budget: Budget) -> list[tuple[Quantity, ...]]:
             Quantity("size", size(budget, budget.families[k]), meaning="size, 1 sd"),
             Quantity("growth", growth(budget, budget.families[k]), meaning="grows with"),
             *(Quantity(name, float(horizontal(way.parts[last, k]))) for name, way in ways.items()),
-            Quantity("down", float(budget.covariance.parts[last, k, 2])),
+            Quantity("down", float(budget.valid.parts[last, k, 2])),
             Quantity("share", float(part[k]), "%", meaning="of the variance", decimals=1),
             Quantity("halved_saves", float(gain[k]), meaning="half of it saves"),
         )
@@ -278,7 +278,7 @@ def contributions_section(budget: Budget) -> Section:
     last, ways = budget.chosen[-1], _ways(budget)
     together = {name: float(horizontal(way.total[last])) for name, way in ways.items()}
     sums = (
-        ("together (RSS)", together, budget.covariance.total[last, 2]),
+        ("together (RSS)", together, budget.valid.total[last, 2]),
         ("worst-case sum", {"covariance": float(budget.worst[last, 3])}, budget.worst[last, 2]),
     )
     rows = [
@@ -370,11 +370,11 @@ def merits(budget: Budget, windows: RecordedBudget | None) -> tuple[Quantity, ..
     """Return the figures of merit."""
     found = []
     for k in (budget.chosen[row] for row in shown_times(budget)):
-        value, text = float(horizontal(budget.covariance.total[k])), f"horizontal after {budget.time[k]:g} s"
+        value, text = float(horizontal(budget.valid.total[k])), f"horizontal after {budget.time[k]:g} s"
         found.append(Quantity(f"after_{budget.time[k]:g}_s", value, "m", meaning=text))
     last = budget.chosen[-1]
     if not budget.hold:
-        found.append(Quantity("down", float(budget.covariance.total[last, 2]), "m", meaning="down at the end"))
+        found.append(Quantity("down", float(budget.valid.total[last, 2]), "m", meaning="down at the end"))
     if windows is None:
         return (*found, Quantity("worst", float(budget.worst[last, 3]), "m", meaning="worst-case sum, horizontal"))
     part, count = windows.shown, windows.shown.windows.count

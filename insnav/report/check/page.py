@@ -21,6 +21,7 @@ from insnav.session.check import TO_MEND, Checked
 from insnav.steps.one_clock import SIGMAS
 
 _UNITS = {"gyro": ("deg/s", "deg/sqrt(h)"), "accel": ("m/s^2", "m/s/sqrt(h)")}
+_BODY = "x, y, z: forward, right, down"
 
 
 def page(result: Result[Checked]) -> Page:
@@ -136,7 +137,7 @@ def _imu(found: Checked) -> tuple[Section, ...]:
             for each in found.imu.axes
             if each.name.startswith(sensor)
         )
-        parts.append(Section(sensor, {"gyro": "Gyros", "accel": "Accelerometers"}[sensor], rows=rows))
+        parts.append(Section(sensor, {"gyro": "Gyros", "accel": "Accelerometers"}[sensor], rows=rows, note=_BODY))
     peaks = tuple(of_table("check.peak", each) for each in found.imu.peaks)
     step, time = found.imu.gravity_steps
     items = of_table(

@@ -250,7 +250,7 @@ def _estimates(found: EvaluatedRun) -> Iterator[str]:
         yield phrase(f"run.{name}", delay_s=run.gps_delay, sd_s=sd)
     if (run.lever_sd > 0.0).any():
         arm = tuple(
-            f"{x:.2f} ± {max(sd, 0.01):.2f}" if sd < _UNKNOWN else phrase("run.unknown")
+            f"{x:.2f} ± {max(sd, 0.01):.2f} m" if sd < _UNKNOWN else phrase("run.unknown")
             for x, sd in zip(run.lever_b, run.lever_sd, strict=True)
         )
         yield phrase("run.lever" if (run.lever_sd < _UNKNOWN).any() else "run.unknown_lever", arm=arm)
