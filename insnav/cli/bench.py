@@ -58,7 +58,7 @@ def acceptance(
     result_page(where, outcome.page(), out, as_json=as_json)
 
 
-@takes_data(files={}, only=("calibration", *READING))
+@takes_data(files={}, only=("calibration", *READING, "topic"))
 def allan(
     data: Data,
     static: Annotated[str | None, option(START, "FROM:TO", "Part to use, s. [all]")] = None,

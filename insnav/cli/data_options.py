@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 _findings, _messages = library("insnav.findings"), library("insnav.messages")  # the help needs no catalogue
 _explanation = library("insnav.report.save")
 
-READING = ("axes", "units", "columns", "sampling", "stamp", "topic")  # inputs for reading samples
+READING = ("axes", "units", "columns", "sampling", "stamp")  # inputs for reading samples
 _IMU_HELP = "IMU data, or a log with IMU and GPS: a file of any supported format, a folder, or - for standard input."
 _SECOND_HELP = "GPS fixes, as with --gps; the content of two files determines which has the IMU data."
 _FILE_HELP = {

@@ -46,7 +46,7 @@ def align(data: Data, out: Out = Path("alignment"), force: Force = False, as_jso
         console.result(f"{console.brief_text(outcome)}\n{entry('files', '')}{out}: report.html, run.json")
 
 
-@takes_data(None, only=(*READING, "time_offset", "lever_arm", "gps_height", "gps_columns"))
+@takes_data(None, only=(*READING, "topic", "time_offset", "lever_arm", "gps_height", "gps_columns"))
 def check(
     data: Data,
     files: Annotated[list[Path], argument("FILES", "Files.")],
