@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from insnav.cli import console
-from insnav.cli.console import Stages, note, quiet_figures, result_page
+from insnav.cli.console import Stages, Stopped, note, quiet_figures, result_page
 from insnav.cli.data_options import check_usable
 from insnav.cli.options import RESULT, Engine, Json, Out, argument, flag, usage_error
 from insnav.exceptions import ConfigError, InsnavError, OutputError
@@ -35,8 +35,6 @@ def batch(
     as_json: Json = False,
 ) -> None:
     """Navigate many drives."""
-    from insnav.cli.console import Stopped
-
     if str(drives).startswith("-"):
         raise ConfigError("cli.drives_first", where=str(drives))
     common = _absolute(context.args, Path())

@@ -61,18 +61,15 @@ def check(
         compile_at_first(*files, *filter(None, (data.gps, data.ref)))
         stage("reading")
         found = replace(checked(*files, gps=data.gps, ref=data.ref, **data.inputs), options=data.options)
-    where = None
-    if out is not None:
-        where = found.save(out, force=force, figures="page")
-    if as_json:
-        if where is not None:
-            console.result_facts(where)
-        else:
-            from insnav.report.save import facts_of, versions
-
-            console.result(json.dumps({"kind": "check", "versions": versions(), **facts_of(found)}, indent=2))
-    else:
+    where = None if out is None else found.save(out, force=force, figures="page")
+    if not as_json:
         console.result(console.brief_text(found))
+    elif where is not None:
+        console.result_facts(where)
+    else:
+        from insnav.report.save import facts_of, versions
+
+        console.result(json.dumps({"kind": "check", "versions": versions(), **facts_of(found)}, indent=2))
     if not found.found.runs_as_given:
         raise typer.Exit(1)
 
@@ -232,15 +229,8 @@ def require(
         raise ConfigError("cli.fixes_without_drive", where="DRIVE")
     if begin is not None:
         common.finite(begin, "--begin", largest=1e6)
-    options: dict[str, Any] = {
-        "workers": engine,
-        "probability": probability,
-        "component": component,
-        "begin": begin,
-        "runs": runs,
-        "seed": seed,
-        "cost": common.weights(cost, "--cost"),
-    }
+    options: dict[str, Any] = {"workers": engine, "probability": probability, "component": component, "begin": begin}
+    options |= {"runs": runs, "seed": seed, "cost": common.weights(cost, "--cost")}
     with console.working(out, force) as (folder, stage):
         from insnav.session.requirement import require as required
 

@@ -119,8 +119,11 @@ class RunFolder:
     ) -> None:
         if self._committed:
             return
-        written = _bytes_in(self._aside)
-        free = _bytes_free(self._place.parent)
+        written = free = 0
+        with contextlib.suppress(OSError):
+            written = sum(p.stat().st_size for p in self._aside.rglob("*") if p.is_file())
+        with contextlib.suppress(OSError):
+            free = shutil.disk_usage(self._place.parent).free
         shutil.rmtree(self._aside, ignore_errors=True)
         with contextlib.suppress(OSError):  # another process has written there
             for each in self._made:
@@ -280,18 +283,6 @@ def _alive(pid: int) -> bool:
     except (PermissionError, OverflowError):
         return True
     return True
-
-
-def _bytes_in(folder: Path) -> int:
-    with contextlib.suppress(OSError):
-        return sum(p.stat().st_size for p in folder.rglob("*") if p.is_file())
-    return 0
-
-
-def _bytes_free(folder: Path) -> int:
-    with contextlib.suppress(OSError):
-        return shutil.disk_usage(folder).free
-    return 0
 
 
 def _sync(path: Path) -> None:

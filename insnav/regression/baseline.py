@@ -48,8 +48,12 @@ def origin(folder: Path) -> Origin:
             packages[name] = metadata.version(name)
         except metadata.PackageNotFoundError:
             packages[name] = ""
+    commit = _git(folder, "rev-parse", "--short=10", "HEAD")  # empty without one
+    # the reports themselves change with every run
+    changed = _git(folder, "status", "--porcelain", "--untracked-files=no", "--", ":/insnav", ":/trajectories")
+    commit += "+" if commit and changed else ""
     date = datetime.now(UTC).strftime("%Y-%m-%dT%H:%MZ")
-    return Origin(__version__, _commit(folder), date, packages, computer())
+    return Origin(__version__, commit, date, packages, computer())
 
 
 def computer() -> str:
@@ -59,14 +63,6 @@ def computer() -> str:
         lines = _CPUINFO.read_text(encoding="utf-8", errors="replace").splitlines()
         model = next((line.split(":", 1)[1].strip() for line in lines if line.startswith("model name")), model)
     return f"{os.cpu_count()} x {' '.join(model.split())}"
-
-
-def _commit(folder: Path) -> str:
-    """Return the short commit; empty without one."""
-    name = _git(folder, "rev-parse", "--short=10", "HEAD")
-    # the reports themselves change with every run
-    changed = _git(folder, "status", "--porcelain", "--untracked-files=no", "--", ":/insnav", ":/trajectories")
-    return name + ("+" if name and changed else "")
 
 
 def _git(folder: Path, *arguments: str) -> str:

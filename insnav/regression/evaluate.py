@@ -159,8 +159,7 @@ def measure(material: Material) -> Measured:
             values |= _smoothed(errors_of(done.run.smoothed.solution, time, material), edges)
         values |= _fixes(done.run, edges)
     windows, growth = _outages(material)
-    values |= windows
-    values |= _free_inertial(done, material)
+    values |= windows | _free_inertial(done, material)
     order = [metric.key for metric in METRICS if metric.key in values and np.isfinite(values[metric.key]).any()]
     return Measured({key: values[key] for key in order}, growth, spread)
 

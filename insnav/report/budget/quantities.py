@@ -139,23 +139,14 @@ def budget_sections(budget: Budget) -> tuple[Section, ...]:
     """Build all budget quantities for JSON: subject, sources, errors at the chosen times."""
     last = float(budget.time[budget.chosen[-1]])
     bias, drift = budget.short_form_error(last)
+    short = of_table("budget.short_form_error", time=last, bias_and_tilt=bias, gyro_bias=drift)
     sources = tuple(of_table("budget.source", each) for each in budget.sources)
     share = dict(zip(budget.families, map(float, shares(budget)), strict=True))
     return (
         only_json("", *of_table("budget.subject", budget, schuler_period=2.0 * np.pi / budget.schuler_rate)),
-        only_json(
-            "short_form_error",
-            Quantity("time", last, "s"),
-            Quantity("bias_and_tilt", bias),
-            Quantity("gyro_bias", drift),
-        ),
+        only_json("short_form_error", *short),
         Section("sources", rows=sources, show="json"),
-        only_json(
-            "",
-            Quantity("share_of_horizontal_variance", share),
-            Quantity("not_given", budget.absent),
-            Quantity("left_out", budget.ignored),
-        ),
+        only_json("", *of_table("budget.terms", budget, share_of_horizontal_variance=share)),
         *(_at_time(budget, k) for k in budget.chosen),
         _runs(budget.simulated),
         _recorded(budget.recorded),
@@ -165,13 +156,7 @@ def budget_sections(budget: Budget) -> tuple[Section, ...]:
 def _runs(simulated: SimulatedColumn | None) -> Section:
     if simulated is None:
         return only_json("", Quantity("runs", None))
-    return only_json(
-        "runs",
-        Quantity("count", simulated.runs),
-        Quantity("of_each_source", simulated.alone),
-        Quantity("seed", simulated.seed),
-        Quantity("rms_by_sd_95", simulated.band),
-    )
+    return only_json("runs", *of_table("budget.runs", simulated))
 
 
 def _recorded(recorded: RecordedColumn | None) -> Section:
@@ -185,9 +170,7 @@ def _recorded(recorded: RecordedColumn | None) -> Section:
     }
     return only_json(
         "recorded",
-        Quantity("windows", recorded.windows),
-        Quantity("description", recorded.description),
-        Quantity("time", recorded.time, "s"),
+        *of_table("budget.recorded", recorded),
         *(Quantity(key, dict(zip(_RECORDED, values.T, strict=True)), "m") for key, values in statistics.items()),
     )
 

@@ -139,13 +139,9 @@ def parts_of(budget: RecordedBudget) -> list[tuple[str, RecordedPart]]:
 
 def windows_sections(budget: RecordedBudget) -> tuple[Section, ...]:
     """Build the quantities and tables of all windows."""
+    independent, notes = budget.settings.start == "forward", tuple(map(sentence, budget.notes))
     about = (
-        Quantity("reference", budget.reference),
-        Quantity("start", budget.settings.start),
-        Quantity("independent", budget.settings.start == "forward"),
-        Quantity("duration", budget.duration, "s"),
-        Quantity("imu", budget.spec.name),
-        Quantity("notes", tuple(map(sentence, budget.notes))),
+        *of_table("budget.recorded_windows", budget, independent=independent, notes=notes),
         *((Quantity(UNCALIBRATED, None),) if budget.uncalibrated is None else ()),
     )
     parts = tuple(Section(kind, parts=_sections(kind, part)) for kind, part in parts_of(budget))
@@ -153,14 +149,7 @@ def windows_sections(budget: RecordedBudget) -> tuple[Section, ...]:
 
 
 def _sections(kind: str, part: RecordedPart) -> tuple[Section, ...]:
-    windows, found, line = part.windows, part.growth, part.regression
-    about = (
-        Quantity("windows", windows.count),
-        Quantity("length", windows.length, "s"),
-        Quantity("spacing", windows.spacing, "s"),
-        Quantity("dropped", windows.dropped),
-        *_growth(found),
-    )
+    found, line = part.growth, part.regression
     motions = {name: () if each is None else _growth(each) for name, each in part.motions.items()}
     verdicts = {
         each.component: (
@@ -178,7 +167,7 @@ def _sections(kind: str, part: RecordedPart) -> tuple[Section, ...]:
         Section("regression", items=regression),
     )
     return (
-        only_json("", *about, parts=in_json),
+        only_json("", *of_table("budget.windows", part), *_growth(found), parts=in_json),
         _over_time(kind, found),
         _at_end(kind, part),
         _by_motion(kind, part),
@@ -345,10 +334,7 @@ def _sensors(kind: str, fit: SensorFit) -> Section:
     )
     if fit.spread > 2.0:
         note += f"; misfit {number(float(np.sqrt(fit.spread)), 2)} times the expectation by noise and filter"
-    items = (
-        Quantity("accel_bias", fit.accel, "mg", sd=fit.accel_sd, meaning="accelerometer bias x, y, z"),
-        Quantity("gyro_bias", fit.gyro, "deg/h", sd=fit.gyro_sd, meaning="gyro bias x, y, z"),
-    )
+    items = of_table("budget.sensors", fit)
     more = (Quantity("misfit", fit.spread), Quantity("bias_observable_from_tilt", fit.level_observable))
     title = f"Constant sensor errors left in the windows, {kind}"
     return Section("sensors", title, items, parts=(only_json("", *more),), note=note)

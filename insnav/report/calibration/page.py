@@ -259,13 +259,6 @@ def nine_page(calibration: Calibration[NineRecord, NinePositions]) -> Page:
     places = [f"roll {roll:.4g}, pitch {pitch:.4g} deg" for roll, pitch in calibration.record.dwells.setting / DEG]
     largest = 1e3 * float(np.abs(found.gyro_matrix - np.eye(3)).max())
     left = 1e3 * float(found.half_width(found.gyro_matrix_sd, first_order=True).max())
-    details = only_json(
-        "",
-        Quantity("condition_accel", found.condition_accel),
-        Quantity("condition_gyro", found.condition_gyro),
-        Quantity("second_order_allowance", found.second_order),
-        Quantity("gyro_diagonal_not_used", found.gyro_diagonal),
-    )
     inverses = tuple(
         (Quantity("matrix", name), Quantity("condition", condition), Quantity("positions", which))
         for name, condition, which in (
@@ -290,7 +283,7 @@ def nine_page(calibration: Calibration[NineRecord, NinePositions]) -> Page:
             methods.quality_section((fits, "m/s^2", dict.fromkeys(SENSORS, places))),
             methods.corrected_section(calibration),
             methods.impact_section(calibration),
-            details,
+            only_json("", *of_table("calibration.nine", found)),
         ),
         merits_note="x_ay: the accelerometer of module x that points along y",
         method=(

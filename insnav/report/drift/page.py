@@ -74,9 +74,7 @@ def _merits(each: GyroDrift) -> tuple[Quantity, ...]:
     curves = {"measured": each.measured, "corrected": each.corrected, "smoothed": each.smoothed}
     return (
         *(Quantity(name, float(x.deviation[0]), "deg/h", meaning=f"deviation, {name}") for name, x in curves.items()),
-        Quantity("time_constant", each.smoother.time_constant, "s", meaning="time constant of the filter"),
-        Quantity("lag", each.smoother.lag, "s", meaning="lag of a ramp"),
-        Quantity("helps_until", each.helped_until, "s", meaning="smoothing helps up to"),
+        *of_table("drift.merits", each),
     )
 
 

@@ -114,16 +114,9 @@ def _drawn(
 
 
 def _state(name: Integrator, run: PlatformRun) -> tuple[Quantity, ...]:
-    lla, v_n = run.solution.lla[-1], run.solution.v_n[-1]
-    return (
-        Quantity("integrator", name),
-        Quantity("lat", float(lla[0]), "deg", decimals=8),
-        Quantity("lon", float(lla[1]), "deg", decimals=8),
-        Quantity("height", float(lla[2]), "m", decimals=3),
-        Quantity("v_east", float(v_n[1]), "m/s", meaning="east", decimals=5),
-        Quantity("v_north", float(v_n[0]), "m/s", meaning="north", decimals=5),
-        Quantity("v_up", float(-v_n[2] + 0.0), "m/s", meaning="up", decimals=5),
-    )
+    (lat, lon, height), (north, east, down) = run.solution.lla[-1].tolist(), run.solution.v_n[-1].tolist()
+    place, velocity = {"lat": lat, "lon": lon, "height": height}, {"v_east": east, "v_north": north, "v_up": 0.0 - down}
+    return of_table("platform.state", integrator=name, **place, **velocity)
 
 
 def _differences(differences: Mapping[Integrator, TrajectoryErrors], *, to_reference: bool) -> Section:
@@ -144,13 +137,11 @@ def _differences(differences: Mapping[Integrator, TrajectoryErrors], *, to_refer
 
 def _errors(study: PlatformStudy, theory: StaticErrors | None) -> tuple[Section, ...]:
     """Lay out the effect of platform errors, with the closed form if available."""
-    run, given = study.run, study.errors
+    run = study.run
     off = ned_offset(run.solution.lla, run.undisturbed.lla)[:, :2]
     speed = (run.solution.v_n - run.undisturbed.v_n)[:, :2]
     items = [
-        Quantity("tilt_n_e_d", given.tilt, "deg"),
-        Quantity("drift_n_e_d", given.drift, "deg/h"),
-        Quantity("bias_n_e_d", given.bias, "ug"),
+        *of_table("platform.errors", study.errors),
         Quantity("largest_position_error_n_e", np.abs(off).max(axis=0), "m"),
         Quantity("position_error_at_the_end_n_e", off[-1], "m"),
     ]
@@ -431,18 +422,13 @@ def _differing(
     note: str = "",
 ) -> Panel:
     """Build a logarithmic panel with a line per integrator; backward, which may coincide with forward, is dashed."""
-    limits = _decades(list(lines.values()))
+    # they agree to the last bit, as at rest, if no top is above zero
+    tops = [float(line.max()) for line in lines.values() if line.size and line.max() > 0.0] or [_SMALLEST]
+    # the powers of ten that contain the final values, not their initial zero
+    low = 10.0 ** np.floor(np.log10(max(min(tops) / 100.0, _SMALLEST)))
+    limits = low, max(100.0 * low, 10.0 ** np.ceil(np.log10(max(tops))))
     curves = tuple(
-        Curve(name, clock(time), np.maximum(y, limits[0]), COLOURS[name], "dashed" if name == "backward" else "line")
+        Curve(name, clock(time), np.maximum(y, low), COLOURS[name], "dashed" if name == "backward" else "line")
         for name, y in lines.items()
     )
     return Panel(key, title, label, clock.label, curves, "time", note, log="y", limits=limits)
-
-
-def _decades(lines: Sequence[FloatArray]) -> tuple[float, float]:
-    """Compute the powers of ten that contain the final values of lines, not their initial zero."""
-    tops = [float(line.max()) for line in lines if line.size and line.max() > 0.0]
-    if not tops:
-        tops = [_SMALLEST]  # they agree to the last bit, as at rest
-    low = 10.0 ** np.floor(np.log10(max(min(tops) / 100.0, _SMALLEST)))
-    return low, max(100.0 * low, 10.0 ** np.ceil(np.log10(max(tops))))

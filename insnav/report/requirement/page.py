@@ -34,7 +34,7 @@ def page(result: Result[RequirementStudy]) -> Page:
     how = "alone: this error and no other; in the set: all at once"
     how += f", errors of {study.imu} as given" if study.imu else ""
     sections = (
-        only_json("requirement", *_requirement(study)),
+        only_json("requirement", *of_table("requirement.required", study, imu=study.imu or None)),
         *_parts(study),
         drawn("allocation", title, (allocation_panel(study),)),
         Section("allocation", "How large each error may be, 1 sd", rows=_rows(study), note=how, folded=True),
@@ -166,19 +166,6 @@ def _example(study: RequirementStudy) -> tuple[Section, ...]:
         Section("remedies", f"Measures that help {study.example}", rows=helps),
         Section("elasticity", f"Effect of each figure of {study.example}", rows=halves, show="page", folded=True),
         Section("shapley", title, rows=shares, show="page", folded=True, note=note),
-    )
-
-
-def _requirement(study: RequirementStudy) -> tuple[Quantity, ...]:
-    required = study.required
-    return of_table(
-        "requirement.required",
-        required,
-        motion=study.motion,
-        imu=study.imu or None,
-        feasible=study.allocation.feasible,
-        given_error=study.allocation.given,
-        set_error=study.allocation.error,
     )
 
 

@@ -70,7 +70,12 @@ def run_verdict(found: EvaluatedRun, warnings: int) -> Verdict:
     if found.errors is not None:
         sizes = tuple(_error_size(mode, each.horizontal) for mode, each in found.errors_on_clock.items())
         unmoved = _unmoved(found) if found.reference_late else ""
-        return Verdict(light, reason, phrase("run.error", sizes=sizes, unmoved=unmoved, holds=_holds(found)))
+        share = inside(next(iter(found.errors_on_clock.values())))
+        if share is None:
+            holds = phrase("run.states_no_sd")
+        else:
+            holds = phrase("run.sd_holds" if share >= HOLDS else "run.sd_fails", share=share)
+        return Verdict(light, reason, phrase("run.error", sizes=sizes, unmoved=unmoved, holds=holds))
     stated = {mode: each.sd for mode, each in found.solutions.items() if each.sd is not None}
     sds = tuple(
         phrase("run.sd_size", size=number(rms_length(sd[:, :2])), mode=phrase(f"run.{mode}"))
@@ -197,13 +202,6 @@ def _light(found: EvaluatedRun, warnings: int) -> tuple[Light, str]:
     if nis > SCATTER:
         return "attention", phrase("run.scatter_more", nis=number(nis))
     return "unknown", phrase("run.agree" if nis > 1.0 / SCATTER else "run.scatter_less", nis=number(nis))
-
-
-def _holds(found: EvaluatedRun) -> str:
-    share = inside(next(iter(found.errors_on_clock.values())))
-    if share is None:
-        return phrase("run.states_no_sd")
-    return phrase("run.sd_holds" if share >= HOLDS else "run.sd_fails", share=share)
 
 
 def brief_lines(page: Page, found: EvaluatedRun, width: int | None = None) -> list[str]:

@@ -38,7 +38,6 @@ from insnav.simulate.recording import Recording, times
 from insnav.simulate.recording import to_toml as gps_to_toml
 from insnav.simulate.sensor_errors import GpsSpec
 from insnav.simulate.truth import Kinematics, Truth
-from insnav.simulate.truth_from_track import Residual
 from insnav.types import FloatArray, IntArray
 from insnav.units import DEG
 
@@ -110,14 +109,12 @@ def recording_page(plan: Plan, made: Recording) -> Page:
 
 def model_texts(plan: Plan) -> dict[str, str]:
     """Return text files of the simulated motion profile, IMU and receiver."""
-    texts = {}
-    if plan.motion.profile:
-        texts["profile.toml"] = plan.motion.profile
-    if plan.imu is not None:
-        texts["imu.toml"] = to_toml(plan.imu)
-    if plan.gps is not None:
-        texts["gps.toml"] = gps_to_toml(plan.gps)
-    return texts
+    texts = {
+        "profile.toml": plan.motion.profile,
+        "imu.toml": "" if plan.imu is None else to_toml(plan.imu),
+        "gps.toml": "" if plan.gps is None else gps_to_toml(plan.gps),
+    }
+    return {name: text for name, text in texts.items() if text}
 
 
 def plan_metadata(plan: Plan) -> dict[str, Any]:
@@ -196,12 +193,8 @@ def seen(truth: Truth) -> tuple[FloatArray, Kinematics]:
 
 def _realisation(errors: ImuErrors) -> Section:
     """Build the constant errors of the sampled IMU."""
-    items = (
-        Quantity("gyro_bias", errors.gyro_bias, "deg/h"),
-        Quantity("gyro_scale", np.diag(errors.gyro_matrix) - 1.0, "ppm", meaning="gyro scale factor"),
-        Quantity("accel_bias", errors.accel_bias, "mg", meaning="accelerometer bias"),
-        Quantity("accel_scale", np.diag(errors.accel_matrix) - 1.0, "ppm", meaning="accelerometer scale factor"),
-    )
+    gyro, accel = (np.diag(matrix) - 1.0 for matrix in (errors.gyro_matrix, errors.accel_matrix))
+    items = of_table("simulation.realisation", errors, gyro_scale=gyro, accel_scale=accel)
     note = "constant errors, x, y, z; all of them: sensor_realisation.toml"
     return Section("sensor_realisation", "Sensor realisation", items, note=note)
 
@@ -282,15 +275,12 @@ def motion_section(plan: Plan, time: FloatArray, motion: Kinematics) -> Section:
         Quantity("start_lon", float(lon), "deg"),
         Quantity("start_height", float(height), "m"),
     )
-    replica = () if plan.motion.residual is None else (_replica(plan.motion.residual),)
-    parts = (only_json("", *more), *replica)
-    return Section("motion", f"Motion: {plan.motion.purpose or plan.motion.name}", shown, parts=parts)
-
-
-def _replica(apart: Residual) -> Section:
-    items = of_table("simulation.replica", apart)
-    parts = (only_json("", Quantity("doubts", tuple(sentence(each, "en") for each in apart.doubts))),)
-    return Section("replica", "Simulated replica minus its track", items, parts=parts)
+    parts = [only_json("", *more)]
+    if (apart := plan.motion.residual) is not None:
+        doubts = only_json("", Quantity("doubts", tuple(sentence(each, "en") for each in apart.doubts)))
+        items = of_table("simulation.replica", apart)
+        parts.append(Section("replica", "Simulated replica minus its track", items, parts=(doubts,)))
+    return Section("motion", f"Motion: {plan.motion.purpose or plan.motion.name}", shown, parts=tuple(parts))
 
 
 def motion_drawings(plan: Plan, time: FloatArray, motion: Kinematics) -> Section:
