@@ -81,8 +81,7 @@ def reduced(run: Run, truth: Truth, axes_sd: FloatArray) -> Sample:
     Returns: `figures` in the order of `FIGURES`, SI units and radians. `series` for `ensemble`.
     Raises: InputError: no row of the solution lies within the motion.
     """
-    inside = _within(truth, run.solution.time)
-    time = run.solution.time[inside]
+    time = run.solution.time[_within(truth, run.solution.time)]
     if len(time) == 0:
         raise InputError("diagnosis.no_row_in_motion")
     errors = position_errors(run.solution, reference(truth, time))

@@ -102,8 +102,7 @@ def read_bench(
     for key, item in found.items():
         raw = numbers.columns[item.index]
         if not np.isfinite(raw).all():
-            row = int(np.argmin(np.isfinite(raw)))
-            raise InputError("lab.value_missing", where=table.place(row, item.index))
+            raise InputError("lab.value_missing", where=table.place(int(np.argmin(np.isfinite(raw))), item.index))
         values[key] = raw if item.quantity.dimension == "signal" else raw * item.factor
         units[key] = item.unit or ""
     return BenchTable(table.name, table.sha256, units, values)
@@ -345,8 +344,7 @@ def read_powerups(path: str | Path | Table, columns: Mapping[str, str] | None = 
     channels = {}
     for axis, known in _EVERY.items():
         if known["bias"].key in table.columns:
-            unit = SI[axis.split()[0]]
-            channels[axis] = Channel(axis, np.empty(0), table.columns[known["bias"].key], unit)
+            channels[axis] = Channel(axis, np.empty(0), table.columns[known["bias"].key], SI[axis.split()[0]])
     channels |= _channels(table, settings=True)
     return BenchRecord(table, None, table.columns["powerup"], channels)
 

@@ -84,8 +84,7 @@ def check_positions(roll: FloatArray, pitch: FloatArray, where: str) -> tuple[Fi
     `roll`, `pitch` (n,): [rad]. Returns findings on unusual but usable positions.
     """
     here = {_key(r, p) for r, p in zip(roll, pitch, strict=True)}
-    force = ideal_force(roll, pitch, 1.0)
-    tilted = np.abs(force).max(axis=1) < 1.0 - OPPOSITE
+    tilted = np.abs(ideal_force(roll, pitch, 1.0)).max(axis=1) < 1.0 - OPPOSITE
     angles = np.abs(np.concatenate((roll[tilted], pitch[tilted])))
     bad = (angles > SAME) & ((angles < SMALLEST - SAME) | (angles > LARGEST + SAME))
     if bad.any():
@@ -269,8 +268,7 @@ def _estimate(
     measured: FloatArray, force: FloatArray, pairs: tuple[tuple[int, int] | None, ...], gyro_rows: IntArray
 ) -> FloatArray:
     """Estimate biases, accelerometer triad, M_G, and M_G by rows of diagonal 1, in order."""
-    design = np.column_stack((force, np.ones(len(force))))
-    bias = np.linalg.lstsq(design, measured, rcond=None)[0][3]
+    bias = np.linalg.lstsq(np.column_stack((force, np.ones(len(force)))), measured, rcond=None)[0][3]
     for sensor, axis in enumerate(AXIS):
         pair = pairs[axis]
         if pair is not None:
@@ -340,8 +338,7 @@ def fit(record: NineRecord, how: BenchOptions) -> Calibration[NineRecord, NinePo
         scale = np.array([line.value[axis] for line, axis in zip(lines, AXIS, strict=True)])
         zero = np.array([line.value[3] for line in lines])
         if not np.abs(scale).min() > WEAKEST * np.abs(scale).max():
-            weak = SENSORS[int(np.argmin(np.abs(scale)))]
-            raise InputError("lab.accel_dead", where=table.name, column=weak)
+            raise InputError("lab.accel_dead", where=table.name, column=SENSORS[int(np.argmin(np.abs(scale)))])
     found = calibrate_nine(roll, pitch, (output - zero) / scale, how.gravity, where=table.name)
     fits = dict(zip(SENSORS, found.fits, strict=True))
     gyros = _gyros_at_rest(force, rates, table.name)

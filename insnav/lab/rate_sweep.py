@@ -337,8 +337,7 @@ def fit_pieces(x: FloatArray, y: FloatArray, weight: FloatArray | None = None) -
         criterion = _criterion(points, borders, floor)
         if criterion < lowest:
             best, lowest = borders, criterion
-    back = np.argsort(order)
-    return _fitted(points, np.concatenate((x[:1], best, x[-1:])), back)
+    return _fitted(points, np.concatenate((x[:1], best, x[-1:])), np.argsort(order))
 
 
 @dataclass(frozen=True, slots=True)
@@ -502,7 +501,6 @@ def calibrate_sweeps(
     for i, item in enumerate(pieces):
         if item is not None:
             final[:, i] -= AxisMap(item.knot, item.value).rate_error(rate[:, i] + after[:, i])
-    free = np.where(complete, output - bias, np.nan)
     return SweepCalibration(
         rate=rate,
         output=output,
@@ -514,7 +512,7 @@ def calibrate_sweeps(
         used=used,
         dropped=tuple(dropped),
         pieces=pieces,
-        error_line=np.asarray(free / np.diag(matrix) - rate),
+        error_line=np.asarray(np.where(complete, output - bias, np.nan) / np.diag(matrix) - rate),
         error_matrix=after,
         error_map=final,
         warnings=(*warnings, *shifted_zeros(after, own)),

@@ -157,8 +157,7 @@ def inertia_from_precession(
         row = int(np.argmin(ratio))
         raise InputError("lab.slow_rotor", where=where, row=row + 1, ratio=ratio[row], limit=SLOW)
     fit = _slope(period, rate, where)
-    torque = mass * gravity * arm / (2.0 * math.pi)
-    value = torque / float(fit.value[0])
+    value = mass * gravity * arm / (2.0 * math.pi) / float(fit.value[0])
     relative = float(fit.sd[0] / fit.value[0])
     if relative > WORST:
         raise InputError("lab.precession_slope", where=where, slope=fit.value[0], slope_sd=fit.sd[0])

@@ -214,8 +214,7 @@ def _directions(text: str) -> str:
 
 def _sensor_quantity(text: str) -> tuple[str, float]:
     """Parse dimension and value of a rate or an acceleration."""
-    unit = re.sub(r"^[-+\d.eE\s]*", "", text)
-    dimension = UNITS.get(unit, ("rate", 1.0))[0]
+    dimension = UNITS.get(re.sub(r"^[-+\d.eE\s]*", "", text), ("rate", 1.0))[0]
     return dimension, config_file.parse_quantity(text, dimension if dimension in ("rate", "acceleration") else "rate")
 
 

@@ -531,8 +531,7 @@ class EarthTruth(Truth):
         """Evaluate the motion; see `Truth`. At a pole the longitude is 0, which defines the heading."""
         tau = self.elapsed(time)
         w_ib_b, f_b = self.sensed(tau)
-        r_e = self.position(tau) + self.origin
-        lla = earth.lla_from_earth(r_e)
+        lla = earth.lla_from_earth(self.position(tau) + self.origin)
         q_en = earth.quat_earth_from_level(lla)
         q_eb = self.attitude(tau)
         q_eb = q_eb / np.linalg.norm(q_eb, axis=1, keepdims=True)

@@ -196,8 +196,7 @@ def worst_case(parts: FloatArray) -> FloatArray:
     found = np.empty((len(parts), 4))
     found[:, :3] = np.sqrt(np.einsum("msii->msi", parts[..., :3, :3])).sum(axis=1)
     for row, part in zip(found, parts[..., :2, :2], strict=True):
-        reach = np.einsum("di,sij,dj->ds", u, part, u)
-        row[3] = np.sqrt(np.maximum(reach, 0.0)).sum(axis=1).max()
+        row[3] = np.sqrt(np.maximum(np.einsum("di,sij,dj->ds", u, part, u), 0.0)).sum(axis=1).max()
     return found
 
 

@@ -256,8 +256,7 @@ def _summed(
 def _quantile(values: FloatArray, share: float) -> FloatArray:
     """Compute a quantile of the known values over the windows; ``NaN`` without values."""
     none = ~np.isfinite(values).any(axis=0)
-    found = np.nanquantile(np.where(none, 0.0, values), share, axis=0)
-    return np.asarray(np.where(none, np.nan, found))
+    return np.asarray(np.where(none, np.nan, np.nanquantile(np.where(none, 0.0, values), share, axis=0)))
 
 
 _MEAN_SIZE = np.sqrt(2.0 / np.pi)  # of a normal number with unit standard deviation

@@ -161,8 +161,7 @@ def _refuse_positions(force: FloatArray, accel: Triad, g: float) -> None:
     scale = np.diag(accel.matrix)
     if (np.abs(scale) < 1e-9 * np.abs(force).max() / g).any():
         raise InputError("lab.positions_alike")
-    feels = (force - accel.bias) / (np.abs(scale) * g)
-    for name, felt, ideal in zip(POSITIONS, feels, _ideal(1.0), strict=True):
+    for name, felt, ideal in zip(POSITIONS, (force - accel.bias) / (np.abs(scale) * g), _ideal(1.0), strict=True):
         axis = int(np.argmax(np.abs(ideal)))
         across = float(np.linalg.norm(np.delete(felt, axis)))
         if felt[axis] * ideal[axis] < 0.0 or across > OFF_AXIS:
@@ -177,8 +176,7 @@ def _refuse_positions(force: FloatArray, accel: Triad, g: float) -> None:
 def _refuse_turns(integral: FloatArray, turn: float, counts: bool) -> None:
     for axis, name in enumerate(TURNS):
         own = abs(integral[axis, axis])
-        across = float(np.linalg.norm(np.delete(integral[:, axis], axis)))
-        if across > OFF_AXIS * own:
+        if float(np.linalg.norm(np.delete(integral[:, axis], axis))) > OFF_AXIS * own:
             raise InputError(
                 "lab.section_axis", section=name, axis=AXES[axis], integrals=tuple(integral[:, axis].tolist())
             )
@@ -429,7 +427,6 @@ def _pose_warnings(found: PosesCalibration) -> list[Finding]:
             ratio = rms(other) / rms(fitted)
             warnings.append(Finding.of(Code.BENCH_OVERFIT, ratio=ratio, limit_ratio=OVERFIT, what=what))
     drift = np.abs(found.gyro_drift)
-    bias_sd = np.abs(np.linalg.solve(found.gyro.matrix, found.gyro.bias_sd))
-    if (drift > DRIFT * bias_sd).any():
+    if (drift > DRIFT * np.abs(np.linalg.solve(found.gyro.matrix, found.gyro.bias_sd))).any():
         warnings.append(Finding.of(Code.BENCH_DRIFT, subject="gyro", drift_rad_s=drift.max()))
     return warnings

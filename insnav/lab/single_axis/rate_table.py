@@ -346,8 +346,7 @@ def calibrate_gyro(record: Record, keep: tuple[float, float] | None = None) -> R
     output in another unit than its column states.
     """
     # the table's rates are round numbers in deg/s
-    rate = np.round(record.setting / DEG, 9)
-    found = calibrate_rate_table(rate, record.output, keep, where=record.table.name)
+    found = calibrate_rate_table(np.round(record.setting / DEG, 9), record.output, keep, where=record.table.name)
     refuse_unit(record, float(found.fit.value[1]))
     return found
 
