@@ -159,13 +159,8 @@ def ensemble(runs: Runs, truth: Truth) -> Ensemble:
     """
     if len(runs.number) == 0:
         first = runs.failures[0]
-        raise InputError(
-            "diagnosis.all_runs_failed",
-            where=f"run {first.number}, seed {first.seed}",
-            count=len(runs.failures),
-            cause=first.error,
-            number=first.number,
-        )
+        where, count = f"run {first.number}, seed {first.seed}", len(runs.failures)
+        raise InputError("diagnosis.all_runs_failed", where=where, count=count, cause=first.error, number=first.number)
     time: FloatArray = truth.start + STEP * np.arange(epochs(truth), dtype=np.float64)
     total = runs.total
     known, fixed = total[:, _EPOCH] > 0.0, total[:, _FIX] > 0.0

@@ -342,8 +342,5 @@ def compare_with_strapdown(truth: Truth, errors: PlatformErrors, rate: float, ke
     held = np.full(len(after.time), at.lla[0, 2]), np.zeros(len(after.time))
     start = rph_from_quat(quat_multiply(quat_from_rotvec(-errors.tilt), quat_from_rph(at.rph[0])))
     other = strapdown.navigate(after, at.lla[0], at.v_n[0], start, vertical=held, every=every)
-    return PlatformComparison(
-        at.time,
-        ned_offset(run.solution.lla, at.lla),
-        np.concatenate([np.zeros((1, 3)), ned_offset(other.lla, at.lla[1:])]),
-    )
+    apart = np.concatenate([np.zeros((1, 3)), ned_offset(other.lla, at.lla[1:])])
+    return PlatformComparison(at.time, ned_offset(run.solution.lla, at.lla), apart)

@@ -87,12 +87,8 @@ def read_bench(
         if item.unit is None and item.quantity.dimension:
             raise InputError("lab.no_unit", where=table.name, column=item.header, name=item.quantity.name)
     if not found:
-        raise InputError(
-            "lab.no_column",
-            where=table.name,
-            headers=tuple(table.headers),
-            known=tuple(item.name for item in schema[:4]),
-        )
+        known = tuple(item.name for item in schema[:4])
+        raise InputError("lab.no_column", where=table.name, headers=tuple(table.headers), known=known)
     numbers = table.cells.read([item.index for item in found.values()])
     if numbers.cut:
         raise InputError("lab.truncated", where=table.name, **dict[str, Any](numbers.cut.values))
@@ -362,13 +358,8 @@ def read_drift(path: str | Path | Table, columns: Mapping[str, str] | None = Non
     for axis, known in _EVERY.items():
         sensor, letter = axis.split()
         if known["raw"].key in table.columns:
-            raise InputError(
-                "lab.drift_of_raw",
-                where=table.name,
-                sensor=axis,
-                unit=table.units[known["raw"].key],
-                name=known["sensed"].name,
-            )
+            unit, name = table.units[known["raw"].key], known["sensed"].name
+            raise InputError("lab.drift_of_raw", where=table.name, sensor=axis, unit=unit, name=name)
         for kind, into in values.items():
             if known[kind].key in table.columns:
                 (into if sensor == "gyro" else force)[letter] = table.columns[known[kind].key]

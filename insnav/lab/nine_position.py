@@ -96,13 +96,9 @@ def check_positions(roll: FloatArray, pitch: FloatArray, where: str) -> tuple[Fi
         raise InputError("lab.positions_asymmetric", where=where, positions=_written(missing[:4]))
     if not _determined(roll, pitch):
         accel, gyro = _conditions(roll, pitch)
+        more = _written(_to_add(roll, pitch))
         raise InputError(
-            "lab.positions_undetermined",
-            where=where,
-            count=len(here),
-            accel=accel,
-            gyro=gyro,
-            positions=_written(_to_add(roll, pitch)),
+            "lab.positions_undetermined", where=where, count=len(here), accel=accel, gyro=gyro, positions=more
         )
     return calibration.few("positions", len(here), len(STANDARD))
 
@@ -342,12 +338,8 @@ def fit(record: NineRecord, how: BenchOptions) -> Calibration[NineRecord, NinePo
     found = calibrate_nine(roll, pitch, (output - zero) / scale, how.gravity, where=table.name)
     fits = dict(zip(SENSORS, found.fits, strict=True))
     gyros = _gyros_at_rest(force, rates, table.name)
-    errors = ImuErrors(
-        gyro_matrix=found.gyro_matrix,
-        accel_bias=found.accel_bias if record.unit == "m/s^2" else np.zeros(3),
-        accel_matrix=found.accel_matrix,
-        name=how.name,
-    )
+    bias = found.accel_bias if record.unit == "m/s^2" else np.zeros(3)
+    errors = ImuErrors(gyro_matrix=found.gyro_matrix, accel_bias=bias, accel_matrix=found.accel_matrix, name=how.name)
     sd = CalibrationSd(
         gyro_matrix=found.gyro_matrix_sd, accel_bias=found.accel_bias_sd, accel_matrix=found.accel_matrix_sd
     )

@@ -124,13 +124,8 @@ def check_rates(rate: FloatArray, own: Sequence[IntArray], where: str) -> tuple[
     for axis, rows in zip("xyz", own, strict=True):
         different, gyro = np.unique(rate[rows, "xyz".index(axis)]), f"gyro {axis}"
         if different.size < FEWEST:
-            raise InputError(
-                "lab.no_sweep" if different.size < 2 else "lab.short_sweep",
-                where=where,
-                axis=axis,
-                count=different.size,
-                limit=FEWEST,
-            )
+            code = "lab.no_sweep" if different.size < 2 else "lab.short_sweep"
+            raise InputError(code, where=where, axis=axis, count=different.size, limit=FEWEST)
         if different[0] >= 0.0 or different[-1] <= 0.0:
             raise InputError(
                 "lab.one_sided_sweep", where=where, axis=axis, low_rad_s=different[0], high_rad_s=different[-1]
@@ -596,12 +591,8 @@ def sweep_errors(found: SweepCalibration, unit: str, name: str = "") -> tuple[Im
             gyro_bias=bias_sd, gyro_matrix=matrix_sd, gyro_map=spread
         )
     scale = np.diag(found.matrix).copy()
-    errors = ImuErrors(
-        gyro_matrix=found.matrix / scale[:, None],
-        gyro_raw=RawScale(unit, found.bias, scale),
-        gyro_map=gyro_map,
-        name=name,
-    )
+    raw = RawScale(unit, found.bias, scale)
+    errors = ImuErrors(gyro_matrix=found.matrix / scale[:, None], gyro_raw=raw, gyro_map=gyro_map, name=name)
     size = np.abs(scale)
     return errors, CalibrationSd(gyro_bias=bias_sd / size, gyro_matrix=matrix_sd / size[:, None], gyro_map=spread)
 

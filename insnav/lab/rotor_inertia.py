@@ -121,13 +121,9 @@ def inertia_from_fall(
     squared = time**2
     if (squared <= 2.0 * height / gravity).any():
         row = int(np.argmax(squared <= 2.0 * height / gravity))
+        free = math.sqrt(2.0 * height[row] / gravity)
         raise InputError(
-            "lab.faster_than_free",
-            where=where,
-            row=row + 1,
-            height_m=height[row],
-            fall_s=time[row],
-            free_s=math.sqrt(2.0 * height[row] / gravity),
+            "lab.faster_than_free", where=where, row=row + 1, height_m=height[row], fall_s=time[row], free_s=free
         )
     fit = _slope(height, squared, where)
     lever = 0.5 * mass * gravity * radius**2

@@ -72,12 +72,8 @@ def parse_fault(text: str) -> Fault:
         raise ConfigError("sim.unknown_fault", where="--fault", fault=text[:100], **config_file.similar(name, VERBS))
     verb, where, example = VERBS[name], f"--fault {text}", VERBS[name].example
     if (found[2] is None) != (verb.size is None):
-        raise ConfigError(
-            "sim.fault_without_size" if found[2] is None else "sim.fault_with_size",
-            where=where,
-            verb=name,
-            example=example,
-        )
+        code = "sim.fault_without_size" if found[2] is None else "sim.fault_with_size"
+        raise ConfigError(code, where=where, verb=name, example=example)
     if found[3] is not None and name in _ALWAYS:
         raise ConfigError("sim.fault_with_time", where=where, verb=name, example=example)
     if found[3] is None and "@" in example:
@@ -341,12 +337,9 @@ def simulate_recording(
         before = samples, fixes
         samples, fixes = fault.apply(samples, fixes, truth.start)
         if _same(before[0], samples) and _same(before[1], fixes):
+            begin, duration = max(fault.begin, 0.0), truth.duration
             raise ConfigError(
-                "sim.fault_without_effect",
-                where="--fault",
-                verb=fault.verb,
-                begin_s=max(fault.begin, 0.0),
-                duration_s=truth.duration,
+                "sim.fault_without_effect", where="--fault", verb=fault.verb, begin_s=begin, duration_s=duration
             )
     return Recording(samples, fixes, reference(truth, times(truth, REFERENCE_RATE)), errors, lever_b)
 

@@ -186,12 +186,8 @@ class Truth(ABC):
         tau: FloatArray = np.asarray(time, dtype=np.float64) - self.start
         slack = 4.0 * np.spacing(abs(self.start) + self.duration)  # times such as k * 0.01 may round to either side
         if tau.size and not (tau.min() >= -slack and tau.max() <= self.duration + slack):
-            raise ConfigError(
-                "sim.outside_motion",
-                where=f"{np.min(time):.6f} to {np.max(time):.6f} s",
-                begin_s=self.start,
-                end_s=self.start + self.duration,
-            )
+            where, end = f"{np.min(time):.6f} to {np.max(time):.6f} s", self.start + self.duration
+            raise ConfigError("sim.outside_motion", where=where, begin_s=self.start, end_s=end)
         return tau
 
 

@@ -87,17 +87,9 @@ def sampled(truth: Truth, begin: float, duration: float, description: str = "", 
     middle = truth.evaluate(time[:-1] + 0.5 * np.diff(time))
     if float(np.cos(middle.lla[:, 0]).min()) < POLAR_CAP:
         raise ConfigError("budget.near_pole")
-    return SampledMotion(
-        reference(truth, time),
-        np.diff(time),
-        middle.lla,
-        middle.v_n,
-        dcm_from_rph(middle.rph),
-        samples.gyro,
-        samples.accel,
-        increments(intervals(samples)),
-        description,
-    )
+    places = middle.lla, middle.v_n, dcm_from_rph(middle.rph)
+    sensed = samples.gyro, samples.accel, increments(intervals(samples))
+    return SampledMotion(reference(truth, time), np.diff(time), *places, *sensed, description)
 
 
 def at_rest(

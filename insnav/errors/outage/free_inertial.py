@@ -175,12 +175,8 @@ def forward_start(state: FilterState, settings: FilterSettings, lever_b: FloatAr
     `lever_b` (3,): point of the reference seen from the IMU [m]; None for the antenna.
     """
     n = layout(settings).states
-    return replace(
-        state,
-        covariance=state.covariance[:n, :n].copy(),
-        correlated=np.zeros(3),
-        lever_b=state.lever_b.copy() if lever_b is None else lever_b.copy(),
-    )
+    arm = state.lever_b if lever_b is None else lever_b
+    return replace(state, covariance=state.covariance[:n, :n].copy(), correlated=np.zeros(3), lever_b=arm.copy())
 
 
 def uncalibrated_start(start: FilterState, model: ErrorModel) -> FilterState:

@@ -271,8 +271,7 @@ def first_guess(turns: Turns, bias: FloatArray, up: FloatArray, counts: bool) ->
 
     reach = np.linalg.norm(total[turns.end] - total[turns.start], axis=1)[turns.use].max()
     scales = reach / np.geomspace(_SMALLEST, _LARGEST, _TRIED) if counts else np.ones(1)
-    tried = [(misfit(scale * np.eye(3)), scale) for scale in scales]
-    best, scale = min(tried)
+    best, scale = min((misfit(scale * np.eye(3)), scale) for scale in scales)
     if best < MISFIT:
         return scale * np.eye(3)
     if not counts and misfit(np.eye(3) / DEG) < MISFIT:

@@ -165,12 +165,8 @@ def _refuse_positions(force: FloatArray, accel: Triad, g: float) -> None:
         axis = int(np.argmax(np.abs(ideal)))
         across = float(np.linalg.norm(np.delete(felt, axis)))
         if felt[axis] * ideal[axis] < 0.0 or across > OFF_AXIS:
-            raise InputError(
-                "lab.section_pose",
-                section=name,
-                pose=f"{name[0]} {'up' if name.endswith('p') else 'down'}",
-                force=tuple(felt.tolist()),
-            )
+            pose = f"{name[0]} {'up' if name.endswith('p') else 'down'}"
+            raise InputError("lab.section_pose", section=name, pose=pose, force=tuple(felt.tolist()))
 
 
 def _refuse_turns(integral: FloatArray, turn: float, counts: bool) -> None:

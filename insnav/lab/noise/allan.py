@@ -610,14 +610,11 @@ class _Fitter:
 
         if not allowed[4]:
             return at(1.0)[1], math.inf
-        tried = [at(each) for each in self.times]
-        best = int(np.argmin([left for left, _ in tried]))
-        low, high = self.times[max(0, best - 1)], self.times[min(best + 1, self.times.size - 1)]
+        best = int(np.argmin([at(each)[0] for each in self.times]))
+        ends = self.times[max(0, best - 1)], self.times[min(best + 1, self.times.size - 1)]
+        bounds = tuple(math.log(each) for each in ends)
         least = minimize_scalar(
-            lambda logarithm: at(math.exp(logarithm))[0],
-            bounds=(math.log(low), math.log(high)),
-            method="bounded",
-            options={"xatol": 1e-4},
+            lambda logarithm: at(math.exp(logarithm))[0], bounds=bounds, method="bounded", options={"xatol": 1e-4}
         )
         time = math.exp(float(least.x))
         return at(time)[1], time

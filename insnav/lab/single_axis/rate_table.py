@@ -98,12 +98,8 @@ def read_record(path: str | Path | Table, schema: Sequence[Quantity], how: Bench
 def refuse_unit(record: Record, scale: float) -> None:
     """Refuse a digital output that is not in the unit of its column; volts and counts may have any scale."""
     if not record.raw and abs(scale - 1.0) > calibration.WRONG_UNIT:
-        raise InputError(
-            "lab.output_reversed" if scale < 0.0 else "lab.output_unit",
-            where=record.table.name,
-            scale=scale,
-            unit=record.unit,
-        )
+        code = "lab.output_reversed" if scale < 0.0 else "lab.output_unit"
+        raise InputError(code, where=record.table.name, scale=scale, unit=record.unit)
 
 
 class Fitted(Protocol):
@@ -213,15 +209,9 @@ def calibrate_rate_table(
     """
     _refuse_nonsense(rate, output, where)
     used, dropped = _linear_part(rate, output, where) if keep is None else ((rate >= keep[0]) & (rate <= keep[1]), ())
-    if np.count_nonzero(used) < FEWEST:
-        raise InputError(
-            "lab.few_rates",
-            where=where,
-            count=int(np.count_nonzero(used)),
-            total=rate.size,
-            limit=FEWEST,
-            option="" if keep is None else "--range",
-        )
+    if (count := int(np.count_nonzero(used))) < FEWEST:
+        option = "" if keep is None else "--range"
+        raise InputError("lab.few_rates", where=where, count=count, total=rate.size, limit=FEWEST, option=option)
     fit = _line(rate[used], output[used], where)
     if abs(fit.value[1]) < 5.0 * fit.sd[1]:
         raise InputError(
