@@ -124,8 +124,13 @@ def check_rates(rate: FloatArray, own: Sequence[IntArray], where: str) -> tuple[
     for axis, rows in zip("xyz", own, strict=True):
         different, gyro = np.unique(rate[rows, "xyz".index(axis)]), f"gyro {axis}"
         if different.size < FEWEST:
-            code = "lab.no_sweep" if different.size < 2 else "lab.short_sweep"
-            raise InputError(code, where=where, axis=axis, count=different.size, limit=FEWEST)
+            raise InputError(
+                "lab.no_sweep" if different.size < 2 else "lab.short_sweep",
+                where=where,
+                axis=axis,
+                count=different.size,
+                limit=FEWEST,
+            )
         if different[0] >= 0.0 or different[-1] <= 0.0:
             raise InputError(
                 "lab.one_sided_sweep", where=where, axis=axis, low_rad_s=different[0], high_rad_s=different[-1]

@@ -72,8 +72,12 @@ def parse_fault(text: str) -> Fault:
         raise ConfigError("sim.unknown_fault", where="--fault", fault=text[:100], **config_file.similar(name, VERBS))
     verb, where, example = VERBS[name], f"--fault {text}", VERBS[name].example
     if (found[2] is None) != (verb.size is None):
-        code = "sim.fault_without_size" if found[2] is None else "sim.fault_with_size"
-        raise ConfigError(code, where=where, verb=name, example=example)
+        raise ConfigError(
+            "sim.fault_without_size" if found[2] is None else "sim.fault_with_size",
+            where=where,
+            verb=name,
+            example=example,
+        )
     if found[3] is not None and name in _ALWAYS:
         raise ConfigError("sim.fault_with_time", where=where, verb=name, example=example)
     if found[3] is None and "@" in example:

@@ -98,8 +98,12 @@ def read_record(path: str | Path | Table, schema: Sequence[Quantity], how: Bench
 def refuse_unit(record: Record, scale: float) -> None:
     """Refuse a digital output that is not in the unit of its column; volts and counts may have any scale."""
     if not record.raw and abs(scale - 1.0) > calibration.WRONG_UNIT:
-        code = "lab.output_reversed" if scale < 0.0 else "lab.output_unit"
-        raise InputError(code, where=record.table.name, scale=scale, unit=record.unit)
+        raise InputError(
+            "lab.output_reversed" if scale < 0.0 else "lab.output_unit",
+            where=record.table.name,
+            scale=scale,
+            unit=record.unit,
+        )
 
 
 class Fitted(Protocol):
