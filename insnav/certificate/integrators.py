@@ -158,9 +158,6 @@ def _pyins_navigate(imu: ImuData, start: Start, height: FloatArray, v_down: Floa
             table = np.full((imu.time.size, 9), np.nan)
     found = table[every::every]
     chosen = slice(every - 1, None, every)
-    return Trajectory(
-        imu.time[1:][chosen],
-        np.column_stack([found[:, :2] * DEG, height[chosen]]),
-        np.column_stack([found[:, 3:5], v_down[chosen]]),
-        found[:, 6:9] * DEG,
-    )
+    lla = np.column_stack([found[:, :2] * DEG, height[chosen]])
+    v_n = np.column_stack([found[:, 3:5], v_down[chosen]])
+    return Trajectory(imu.time[1:][chosen], lla, v_n, found[:, 6:9] * DEG)

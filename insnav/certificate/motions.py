@@ -168,8 +168,7 @@ class PolarAttitude:
         if order == 0:
             return q
         rolling = self.swing * self.swing_omega * np.cos(self.swing_omega * t)
-        turning = quat_multiply(np.append(0.0, axis), q)
-        return np.asarray(0.5 * (turning + quat_multiply(q, _column(rolling, 1, 4))))
+        return np.asarray(0.5 * (quat_multiply(np.append(0.0, axis), q) + quat_multiply(q, _column(rolling, 1, 4))))
 
 
 def polar_truth(

@@ -203,14 +203,12 @@ def meridians(integrators: Sequence[Integrator]) -> list[Check]:
         tracks = []
         for at in (1.0, lon):
             truth = circle(np.array([0.8, at, 100.0]), 20.0, 0.1, 120.0)
-            time = even(truth.duration, 50.0)
-            tracks.append([track for _, track in _tracks(integrators, truth, time)])
+            tracks.append([track for _, track in _tracks(integrators, truth, even(truth.duration, 50.0))])
         values = []
         for integrator, usual, there in zip(integrators, *tracks, strict=True):
             moved = np.concatenate([usual.lla[:, :1], usual.lla[:, 1:2] + (lon - 1.0), usual.lla[:, 2:]], axis=1)
             off = np.abs(ned_offset(there.lla, moved)).max()
-            outside = np.any(np.abs(there.lla[:, 1]) > np.pi)
-            values.append((integrator.name, np.inf if outside else float(off)))
+            values.append((integrator.name, np.inf if np.any(np.abs(there.lla[:, 1]) > np.pi) else float(off)))
         checks.append(Check("longitude", f"crossing {case}", "m", 1e-6, tuple(values)))
     return checks
 

@@ -7,7 +7,6 @@ the recordings, for a comparison at every time.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -82,8 +81,7 @@ def reduced(run: Run, truth: Truth, axes_sd: FloatArray) -> Sample:
     Returns: `figures` in the order of `FIGURES`, SI units and radians. `series` for `ensemble`.
     Raises: InputError: no row of the solution lies within the motion.
     """
-    inside = _within(truth, run.solution.time)
-    time = run.solution.time[inside]
+    time = run.solution.time[_within(truth, run.solution.time)]
     if len(time) == 0:
         raise InputError("diagnosis.no_row_in_motion")
     errors = position_errors(run.solution, reference(truth, time))
@@ -161,8 +159,8 @@ def ensemble(runs: Runs, truth: Truth) -> Ensemble:
     """
     if len(runs.number) == 0:
         first = runs.failures[0]
-        values: dict[str, Any] = {"count": len(runs.failures), "cause": first.error, "number": first.number}
-        raise InputError("diagnosis.all_runs_failed", where=f"run {first.number}, seed {first.seed}", **values)
+        where, count = f"run {first.number}, seed {first.seed}", len(runs.failures)
+        raise InputError("diagnosis.all_runs_failed", where=where, count=count, cause=first.error, number=first.number)
     time: FloatArray = truth.start + STEP * np.arange(epochs(truth), dtype=np.float64)
     total = runs.total
     known, fixed = total[:, _EPOCH] > 0.0, total[:, _FIX] > 0.0

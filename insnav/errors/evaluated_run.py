@@ -145,16 +145,14 @@ def _compared(piece: Increments, solution: Trajectory, state: int, every: int) -
 def _integral(elapsed: FloatArray, values: FloatArray) -> FloatArray:
     """Integrate by the trapezoid rule from zero, with the first value as value before it."""
     step = np.diff(elapsed, prepend=0.0)[:, None]
-    before = np.concatenate([values[:1], values[:-1]])
-    return np.asarray(np.cumsum(0.5 * step * (before + values), axis=0))
+    return np.asarray(np.cumsum(0.5 * step * (np.concatenate([values[:1], values[:-1]]) + values), axis=0))
 
 
 def _corrected(piece: Increments, errors: SensorErrors | None, begin: float) -> Increments:
     """Correct biases and scale factor errors known at the start of the window."""
     if errors is None or len(errors.time) == 0:
         return piece
-    row = max(0, int(np.searchsorted(errors.time, begin, side="right")) - 1)
-    known = np.nan_to_num(errors.value[row])
+    known = np.nan_to_num(errors.value[max(0, int(np.searchsorted(errors.time, begin, side="right")) - 1)])
     gyro, accel = 1.0 + known[6:9], 1.0 + known[9:12]
     dt = piece.dt[:, None]
     return replace(piece, dtheta=(piece.dtheta - dt * known[0:3]) / gyro, dvel=(piece.dvel - dt * known[3:6]) / accel)
@@ -357,8 +355,7 @@ def outages(run: Run) -> list[Unaided]:
         return []
     limit = max(MISSED_FIXES * float(np.median(np.diff(processed))), SHORTEST_OUTAGE_S)
     start, end = run.solution.time[0], run.solution.time[-1]
-    inside = used[(used > start) & (used < end)]
-    edges = np.concatenate(([start], inside, [end]))
+    edges = np.concatenate(([start], used[(used > start) & (used < end)], [end]))
     lost = np.setdiff1d(processed, used)
     return [
         Unaided(float(a), float(b), int(np.count_nonzero((lost >= a) & (lost <= b))))
@@ -393,8 +390,7 @@ def _place(each: Finding) -> tuple[bool, bool]:
 def run_warnings(found: EvaluatedRun) -> tuple[Finding, ...]:
     """Report problems that make a solution worse than stated, most important first."""
     stated, same = found.errors_on_clock, found.reference_is_gps
-    modes = "filtered", "smoothed"
-    too_sure = [each for mode in modes for each in overconfident(mode, stated.get(mode))]
+    too_sure = [each for mode in ("filtered", "smoothed") for each in overconfident(mode, stated.get(mode))]
     unusable, lost = failure(found.run), tuple(_lost_heading(found))
     delay = delay_shown(found.run)  # beyond it, the clocks of samples and fixes leave no definite solution time
     of_drive, of_reference = event_warnings(found.run)
@@ -451,8 +447,7 @@ def _no_heights(found: EvaluatedRun) -> Iterator[Finding]:
 
 def _begun_late(run: Run) -> Iterator[Finding]:
     """Report a start long after the first fix: the drive did not determine the attitude before."""
-    outside = of_code(run.events, Code.GPS_OUTSIDE)
-    early = sum(event.value for event in outside if event.begin <= run.solution.time[0])
+    early = sum(event.value for event in of_code(run.events, Code.GPS_OUTSIDE) if event.begin <= run.solution.time[0])
     every = early + run.innovations.time.size
     if early > _UNUSED * every:
         yield Finding.of(Code.RUN_LATE_START, float(run.solution.time[0]), count=int(early), of=int(every))

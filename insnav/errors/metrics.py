@@ -407,13 +407,8 @@ def compare_solutions(
             raise
     shared = reduce(np.intersect1d, [each.time for each in errors])
     if len(shared) == 0:
-        raise InputError(
-            "compare.no_common_time",
-            spans=tuple(
-                f"{of.run}: {each.time[0]:.1f} … {each.time[-1]:.1f} s"
-                for of, each in zip(solutions, errors, strict=True)
-            ),
-        )
+        ends = [(of.run, *each.time[[0, -1]]) for of, each in zip(solutions, errors, strict=True)]
+        raise InputError("compare.no_common_time", spans=tuple(f"{run}: {a:.1f} … {b:.1f} s" for run, a, b in ends))
     compared = (
         Compared(of.run, of.solution, each.rows(np.isin(each.time, shared)))
         for of, each in zip(solutions, errors, strict=True)

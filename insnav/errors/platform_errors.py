@@ -338,13 +338,9 @@ def compare_with_strapdown(truth: Truth, errors: PlatformErrors, rate: float, ke
     imu = imu_from_truth(truth, time, "instant")
     imu.gyro[:] -= errors.drift
     imu.accel[:] += errors.bias
-    inc = strapdown.increments(strapdown.intervals(imu))
-    after = inc.rows(slice(1, None))
+    after = strapdown.increments(strapdown.intervals(imu)).rows(slice(1, None))
     held = np.full(len(after.time), at.lla[0, 2]), np.zeros(len(after.time))
     start = rph_from_quat(quat_multiply(quat_from_rotvec(-errors.tilt), quat_from_rph(at.rph[0])))
     other = strapdown.navigate(after, at.lla[0], at.v_n[0], start, vertical=held, every=every)
-    return PlatformComparison(
-        at.time,
-        ned_offset(run.solution.lla, at.lla),
-        np.concatenate([np.zeros((1, 3)), ned_offset(other.lla, at.lla[1:])]),
-    )
+    apart = np.concatenate([np.zeros((1, 3)), ned_offset(other.lla, at.lla[1:])])
+    return PlatformComparison(at.time, ned_offset(run.solution.lla, at.lla), apart)

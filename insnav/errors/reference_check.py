@@ -83,8 +83,7 @@ def reference_offset(
     position = errors.position[known]
     if position.shape[0] < FEWEST:
         return None
-    row = rows_at(track, errors.time[known])
-    c = dcm_from_rph(track.rph[row])[:, :2, :2]
+    c = dcm_from_rph(track.rph[rows_at(track, errors.time[known])])[:, :2, :2]
     if np.sqrt(np.sum(np.var(c[:, :, 0], axis=0))) < TURNED:
         return None
     terms = np.concatenate([-c, np.broadcast_to(np.eye(2), c.shape)], axis=2)  # body forward, right; north, east

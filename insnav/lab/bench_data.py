@@ -87,8 +87,8 @@ def read_bench(
         if item.unit is None and item.quantity.dimension:
             raise InputError("lab.no_unit", where=table.name, column=item.header, name=item.quantity.name)
     if not found:
-        shown: dict[str, Any] = {"headers": tuple(table.headers), "known": tuple(item.name for item in schema[:4])}
-        raise InputError("lab.no_column", where=table.name, **shown)
+        known = tuple(item.name for item in schema[:4])
+        raise InputError("lab.no_column", where=table.name, headers=tuple(table.headers), known=known)
     numbers = table.cells.read([item.index for item in found.values()])
     if numbers.cut:
         raise InputError("lab.truncated", where=table.name, **dict[str, Any](numbers.cut.values))
@@ -98,8 +98,7 @@ def read_bench(
     for key, item in found.items():
         raw = numbers.columns[item.index]
         if not np.isfinite(raw).all():
-            row = int(np.argmin(np.isfinite(raw)))
-            raise InputError("lab.value_missing", where=table.place(row, item.index))
+            raise InputError("lab.value_missing", where=table.place(int(np.argmin(np.isfinite(raw))), item.index))
         values[key] = raw if item.quantity.dimension == "signal" else raw * item.factor
         units[key] = item.unit or ""
     return BenchTable(table.name, table.sha256, units, values)
@@ -334,8 +333,7 @@ def read_powerups(path: str | Path | Table, columns: Mapping[str, str] | None = 
     channels = {}
     for axis, known in _EVERY.items():
         if known["bias"].key in table.columns:
-            unit = SI[axis.split()[0]]
-            channels[axis] = Channel(axis, np.empty(0), table.columns[known["bias"].key], unit)
+            channels[axis] = Channel(axis, np.empty(0), table.columns[known["bias"].key], SI[axis.split()[0]])
     channels |= _channels(table, settings=True)
     return BenchRecord(table, None, table.columns["powerup"], channels)
 
@@ -353,9 +351,8 @@ def read_drift(path: str | Path | Table, columns: Mapping[str, str] | None = Non
     for axis, known in _EVERY.items():
         sensor, letter = axis.split()
         if known["raw"].key in table.columns:
-            shown: dict[str, Any] = {"sensor": axis, "unit": table.units[known["raw"].key]}
-            shown |= {"name": known["sensed"].name}
-            raise InputError("lab.drift_of_raw", where=table.name, **shown)
+            unit, name = table.units[known["raw"].key], known["sensed"].name
+            raise InputError("lab.drift_of_raw", where=table.name, sensor=axis, unit=unit, name=name)
         for kind, into in values.items():
             if known[kind].key in table.columns:
                 (into if sensor == "gyro" else force)[letter] = table.columns[known[kind].key]

@@ -142,8 +142,7 @@ def linear_fit(design: FloatArray, measured: FloatArray, names: Sequence[str], *
         shares = np.sqrt(np.sum(right[loose] ** 2, axis=0))  # weight of each parameter in the undetermined combinations
         mixed = [name for name, share in zip(names, shares, strict=True) if share > 1e-6]
         raise InputError("lab.parameters_mixed", where=where, parameters=tuple(mixed))
-    scaled = right.T @ ((left.T @ measured) / singular)
-    value = scaled / lengths
+    value = right.T @ ((left.T @ measured) / singular) / lengths
     residual = measured - design @ value
     dof = n - k
     sigma = float(np.sqrt(np.sum(residual**2) / dof))
@@ -435,8 +434,7 @@ def _sampled(known: ImuErrors, sd: CalibrationSd, rng: np.random.Generator) -> I
         maps = zip(gyro_map.axes, sd.gyro_map, strict=True)
         gyro_map = DynamicMap(tuple(_sampled_map(item, spread, rng) for item, spread in maps))
     if terms is not None:
-        error = sd.g_sensitivity * rng.standard_normal((3, 3))
-        terms = replace(terms, g_sensitivity=terms.g_sensitivity + error)
+        terms = replace(terms, g_sensitivity=terms.g_sensitivity + sd.g_sensitivity * rng.standard_normal((3, 3)))
     return replace(
         known,
         gyro_bias=known.gyro_bias + sd.gyro_bias * rng.standard_normal(3),

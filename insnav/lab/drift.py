@@ -407,8 +407,7 @@ def _one(record: DriftRecord, rest: slice, model: DriftModel, rate: FloatArray, 
     white, walk = smoother.r * interval, smoother.q / interval
     noise = np.array([0.0, white, 0.0, walk, 0.0])
     # smoothed white noise is a Gauss-Markov process; a walk stays one
-    left = smoother.r * smoother.gain / (2.0 - smoother.gain)
-    smooth_noise = np.array([0.0, 0.0, 0.0, walk, left])
+    smooth_noise = np.array([0.0, 0.0, 0.0, walk, smoother.r * smoother.gain / (2.0 - smoother.gain)])
     curves = (
         _curve(measured[rest], interval, factors, noise, math.inf),
         _curve(random, interval, factors, noise, math.inf),

@@ -16,7 +16,6 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -85,8 +84,7 @@ def check_positions(roll: FloatArray, pitch: FloatArray, where: str) -> tuple[Fi
     `roll`, `pitch` (n,): [rad]. Returns findings on unusual but usable positions.
     """
     here = {_key(r, p) for r, p in zip(roll, pitch, strict=True)}
-    force = ideal_force(roll, pitch, 1.0)
-    tilted = np.abs(force).max(axis=1) < 1.0 - OPPOSITE
+    tilted = np.abs(ideal_force(roll, pitch, 1.0)).max(axis=1) < 1.0 - OPPOSITE
     angles = np.abs(np.concatenate((roll[tilted], pitch[tilted])))
     bad = (angles > SAME) & ((angles < SMALLEST - SAME) | (angles > LARGEST + SAME))
     if bad.any():
@@ -98,9 +96,10 @@ def check_positions(roll: FloatArray, pitch: FloatArray, where: str) -> tuple[Fi
         raise InputError("lab.positions_asymmetric", where=where, positions=_written(missing[:4]))
     if not _determined(roll, pitch):
         accel, gyro = _conditions(roll, pitch)
-        values: dict[str, Any] = {"count": len(here), "accel": accel, "gyro": gyro}
-        values |= {"positions": _written(_to_add(roll, pitch))}
-        raise InputError("lab.positions_undetermined", where=where, **values)
+        more = _written(_to_add(roll, pitch))
+        raise InputError(
+            "lab.positions_undetermined", where=where, count=len(here), accel=accel, gyro=gyro, positions=more
+        )
     return calibration.few("positions", len(here), len(STANDARD))
 
 
@@ -265,8 +264,7 @@ def _estimate(
     measured: FloatArray, force: FloatArray, pairs: tuple[tuple[int, int] | None, ...], gyro_rows: IntArray
 ) -> FloatArray:
     """Estimate biases, accelerometer triad, M_G, and M_G by rows of diagonal 1, in order."""
-    design = np.column_stack((force, np.ones(len(force))))
-    bias = np.linalg.lstsq(design, measured, rcond=None)[0][3]
+    bias = np.linalg.lstsq(np.column_stack((force, np.ones(len(force)))), measured, rcond=None)[0][3]
     for sensor, axis in enumerate(AXIS):
         pair = pairs[axis]
         if pair is not None:
@@ -336,17 +334,12 @@ def fit(record: NineRecord, how: BenchOptions) -> Calibration[NineRecord, NinePo
         scale = np.array([line.value[axis] for line, axis in zip(lines, AXIS, strict=True)])
         zero = np.array([line.value[3] for line in lines])
         if not np.abs(scale).min() > WEAKEST * np.abs(scale).max():
-            weak = SENSORS[int(np.argmin(np.abs(scale)))]
-            raise InputError("lab.accel_dead", where=table.name, column=weak)
+            raise InputError("lab.accel_dead", where=table.name, column=SENSORS[int(np.argmin(np.abs(scale)))])
     found = calibrate_nine(roll, pitch, (output - zero) / scale, how.gravity, where=table.name)
     fits = dict(zip(SENSORS, found.fits, strict=True))
     gyros = _gyros_at_rest(force, rates, table.name)
-    errors = ImuErrors(
-        gyro_matrix=found.gyro_matrix,
-        accel_bias=found.accel_bias if record.unit == "m/s^2" else np.zeros(3),
-        accel_matrix=found.accel_matrix,
-        name=how.name,
-    )
+    bias = found.accel_bias if record.unit == "m/s^2" else np.zeros(3)
+    errors = ImuErrors(gyro_matrix=found.gyro_matrix, accel_bias=bias, accel_matrix=found.accel_matrix, name=how.name)
     sd = CalibrationSd(
         gyro_matrix=found.gyro_matrix_sd, accel_bias=found.accel_bias_sd, accel_matrix=found.accel_matrix_sd
     )

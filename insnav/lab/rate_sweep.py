@@ -333,8 +333,7 @@ def fit_pieces(x: FloatArray, y: FloatArray, weight: FloatArray | None = None) -
         criterion = _criterion(points, borders, floor)
         if criterion < lowest:
             best, lowest = borders, criterion
-    back = np.argsort(order)
-    return _fitted(points, np.concatenate((x[:1], best, x[-1:])), back)
+    return _fitted(points, np.concatenate((x[:1], best, x[-1:])), np.argsort(order))
 
 
 @dataclass(frozen=True, slots=True)
@@ -498,7 +497,6 @@ def calibrate_sweeps(
     for i, item in enumerate(pieces):
         if item is not None:
             final[:, i] -= AxisMap(item.knot, item.value).rate_error(rate[:, i] + after[:, i])
-    free = np.where(complete, output - bias, np.nan)
     return SweepCalibration(
         rate=rate,
         output=output,
@@ -510,7 +508,7 @@ def calibrate_sweeps(
         used=used,
         dropped=tuple(dropped),
         pieces=pieces,
-        error_line=np.asarray(free / np.diag(matrix) - rate),
+        error_line=np.asarray(np.where(complete, output - bias, np.nan) / np.diag(matrix) - rate),
         error_matrix=after,
         error_map=final,
         warnings=(*warnings, *shifted_zeros(after, own)),
@@ -594,12 +592,8 @@ def sweep_errors(found: SweepCalibration, unit: str, name: str = "") -> tuple[Im
             gyro_bias=bias_sd, gyro_matrix=matrix_sd, gyro_map=spread
         )
     scale = np.diag(found.matrix).copy()
-    errors = ImuErrors(
-        gyro_matrix=found.matrix / scale[:, None],
-        gyro_raw=RawScale(unit, found.bias, scale),
-        gyro_map=gyro_map,
-        name=name,
-    )
+    raw = RawScale(unit, found.bias, scale)
+    errors = ImuErrors(gyro_matrix=found.matrix / scale[:, None], gyro_raw=raw, gyro_map=gyro_map, name=name)
     size = np.abs(scale)
     return errors, CalibrationSd(gyro_bias=bias_sd / size, gyro_matrix=matrix_sd / size[:, None], gyro_map=spread)
 

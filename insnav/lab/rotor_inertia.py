@@ -12,7 +12,6 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -122,9 +121,10 @@ def inertia_from_fall(
     squared = time**2
     if (squared <= 2.0 * height / gravity).any():
         row = int(np.argmax(squared <= 2.0 * height / gravity))
-        shown: dict[str, Any] = {"row": row + 1, "height_m": height[row], "fall_s": time[row]}
-        shown |= {"free_s": math.sqrt(2.0 * height[row] / gravity)}
-        raise InputError("lab.faster_than_free", where=where, **shown)
+        free = math.sqrt(2.0 * height[row] / gravity)
+        raise InputError(
+            "lab.faster_than_free", where=where, row=row + 1, height_m=height[row], fall_s=time[row], free_s=free
+        )
     fit = _slope(height, squared, where)
     lever = 0.5 * mass * gravity * radius**2
     value = float(fit.value[0]) * lever - mass * radius**2
@@ -153,8 +153,7 @@ def inertia_from_precession(
         row = int(np.argmin(ratio))
         raise InputError("lab.slow_rotor", where=where, row=row + 1, ratio=ratio[row], limit=SLOW)
     fit = _slope(period, rate, where)
-    torque = mass * gravity * arm / (2.0 * math.pi)
-    value = torque / float(fit.value[0])
+    value = mass * gravity * arm / (2.0 * math.pi) / float(fit.value[0])
     relative = float(fit.sd[0] / fit.value[0])
     if relative > WORST:
         raise InputError("lab.precession_slope", where=where, slope=fit.value[0], slope_sd=fit.sd[0])

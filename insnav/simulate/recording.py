@@ -214,8 +214,7 @@ def _directions(text: str) -> str:
 
 def _sensor_quantity(text: str) -> tuple[str, float]:
     """Parse dimension and value of a rate or an acceleration."""
-    unit = re.sub(r"^[-+\d.eE\s]*", "", text)
-    dimension = UNITS.get(unit, ("rate", 1.0))[0]
+    dimension = UNITS.get(re.sub(r"^[-+\d.eE\s]*", "", text), ("rate", 1.0))[0]
     return dimension, config_file.parse_quantity(text, dimension if dimension in ("rate", "acceleration") else "rate")
 
 
@@ -342,9 +341,10 @@ def simulate_recording(
         before = samples, fixes
         samples, fixes = fault.apply(samples, fixes, truth.start)
         if _same(before[0], samples) and _same(before[1], fixes):
-            values: dict[str, Any] = {"verb": fault.verb, "begin_s": max(fault.begin, 0.0)}
-            values |= {"duration_s": truth.duration}
-            raise ConfigError("sim.fault_without_effect", where="--fault", **values)
+            begin, duration = max(fault.begin, 0.0), truth.duration
+            raise ConfigError(
+                "sim.fault_without_effect", where="--fault", verb=fault.verb, begin_s=begin, duration_s=duration
+            )
     return Recording(samples, fixes, reference(truth, times(truth, REFERENCE_RATE)), errors, lever_b)
 
 

@@ -143,8 +143,7 @@ def quantised(values: FloatArray, sensor: SensorSpec, dt: FloatArray, span: Floa
         values = np.asarray(np.clip(values / span, -limit, limit) * span)
     if np.any(sensor.resolution):
         fine = np.where(sensor.resolution > 0.0, sensor.resolution, 1.0)
-        rounded = np.round(values / span / fine) * fine * span
-        values = np.where(sensor.resolution > 0.0, rounded, values)
+        values = np.where(sensor.resolution > 0.0, np.round(values / span / fine) * fine * span, values)
     return values
 
 

@@ -21,7 +21,7 @@ import math
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from math import factorial
-from typing import Any, Literal, Protocol
+from typing import Literal, Protocol
 
 import numpy as np
 from scipy.interpolate import BSpline, PPoly, make_interp_spline
@@ -186,8 +186,8 @@ class Truth(ABC):
         tau: FloatArray = np.asarray(time, dtype=np.float64) - self.start
         slack = 4.0 * np.spacing(abs(self.start) + self.duration)  # times such as k * 0.01 may round to either side
         if tau.size and not (tau.min() >= -slack and tau.max() <= self.duration + slack):
-            values: dict[str, Any] = {"begin_s": self.start, "end_s": self.start + self.duration}
-            raise ConfigError("sim.outside_motion", where=f"{np.min(time):.6f} to {np.max(time):.6f} s", **values)
+            where, end = f"{np.min(time):.6f} to {np.max(time):.6f} s", self.start + self.duration
+            raise ConfigError("sim.outside_motion", where=where, begin_s=self.start, end_s=end)
         return tau
 
 
@@ -527,8 +527,7 @@ class EarthTruth(Truth):
         """Evaluate the motion; see `Truth`. At a pole the longitude is 0, which defines the heading."""
         tau = self.elapsed(time)
         w_ib_b, f_b = self.sensed(tau)
-        r_e = self.position(tau) + self.origin
-        lla = earth.lla_from_earth(r_e)
+        lla = earth.lla_from_earth(self.position(tau) + self.origin)
         q_en = earth.quat_earth_from_level(lla)
         q_eb = self.attitude(tau)
         q_eb = q_eb / np.linalg.norm(q_eb, axis=1, keepdims=True)

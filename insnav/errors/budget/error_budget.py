@@ -113,8 +113,7 @@ def _states(
         sampled[place][1][:, range(3), range(3)] -= taken_off[2:]
         if some:
             more = _more(spec, motion, n, rng, changes)
-        gravity = -deflection * G0 * rng.standard_normal(3)
-        errors = *sampled[place], *noise, gravity
+        errors = *sampled[place], *noise, -deflection * G0 * rng.standard_normal(3)
         _kernel.corrupted_run(rng, starts[place], *base, more, *errors, *vertical, rows, states[place])
     return states
 
@@ -378,6 +377,5 @@ def _normalised(error: FloatArray, total: FloatArray) -> FloatArray:
         correlation = whole[np.ix_(free, free)] / np.outer(sd[free], sd[free])
         value, vector = np.linalg.eigh(correlation)
         kept = value > 1e-9
-        e = (error[:, k, free] / sd[free]) @ vector[:, kept]
-        found[k] = np.mean(e**2 / value[kept])
+        found[k] = np.mean(((error[:, k, free] / sd[free]) @ vector[:, kept]) ** 2 / value[kept])
     return found

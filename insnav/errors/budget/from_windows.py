@@ -197,8 +197,7 @@ def _among(
 def _perfect_fixes(truth: Truth, gps: GpsData, lever_b: FloatArray) -> GpsData:
     """Build error-free fixes at the recorded epochs within the motion, with the same missing values."""
     end = truth.start + truth.duration
-    inside = (gps.time >= truth.start + _EDGE) & (gps.time <= end - _EDGE)
-    like = replace(gps.rows(inside), heading=None)
+    like = replace(gps.rows((gps.time >= truth.start + _EDGE) & (gps.time <= end - _EDGE)), heading=None)
     made = gps_from_truth(truth, like.time, lever_b)
     return replace(like, lla=made.lla, v_n=np.where(np.isfinite(like.v_n), made.v_n, np.nan))
 
@@ -237,14 +236,13 @@ def _started(initial: InitialState, truth: Truth, sensors: ImuSimulation, rng: n
     value, vector = np.linalg.eigh(0.5 * (left + left.T))
     error = gain @ sensor + vector @ (np.sqrt(np.maximum(value, 0.0)) * rng.standard_normal(9))
     # C_hat = (I - [phi x]) C
-    q_nb = quat_multiply(quat_from_rotvec(-error[6:]), quat_from_rph(at.rph[0]))
     return replace(
         initial,
         from_fix=False,
         time=begin,
         lla=lla_offset(at.lla[0], error[:3]),
         v_n=at.v_n[0] + error[3:6],
-        rph=rph_from_quat(q_nb),
+        rph=rph_from_quat(quat_multiply(quat_from_rotvec(-error[6:]), quat_from_rph(at.rph[0]))),
         gyro_bias=gyro_bias,
     )
 
@@ -365,7 +363,6 @@ def recorded_budget(
         progress(1.0)
     solution = drive.run.solution
     assert drive.run.smoothed is not None
-    correlated = ready.settings.correlated is not None
     return RecordedBudget(
         replace(settings, workers=1),  # the result does not depend on the workers
         reference.name,
@@ -377,7 +374,7 @@ def recorded_budget(
         (
             *filter(None, (failure(drive.run),)),
             *ready.notes,
-            *_findings(reference, spec, settings, parts[0], correlated=correlated),
+            *_findings(reference, spec, settings, parts[0], correlated=ready.settings.correlated is not None),
         ),
     )
 

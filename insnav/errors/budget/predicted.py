@@ -196,8 +196,7 @@ def worst_case(parts: FloatArray) -> FloatArray:
     found = np.empty((len(parts), 4))
     found[:, :3] = np.sqrt(np.einsum("msii->msi", parts[..., :3, :3])).sum(axis=1)
     for row, part in zip(found, parts[..., :2, :2], strict=True):
-        reach = np.einsum("di,sij,dj->ds", u, part, u)
-        row[3] = np.sqrt(np.maximum(reach, 0.0)).sum(axis=1).max()
+        row[3] = np.sqrt(np.maximum(np.einsum("di,sij,dj->ds", u, part, u), 0.0)).sum(axis=1).max()
     return found
 
 
@@ -391,20 +390,9 @@ def _noise(source: Source, motion: SampledMotion, steps: Steps, at: IntArray, lo
     # 2 (x - 1 + exp(-x)) of the step, by its series where that form cancels
     alone = np.where(gone > 0.01, 2.0 * (gone - 1.0 + np.exp(-gone)) * tau**2, dt[:, None] ** 2 * (1.0 - gone / 3.0))
     variance = np.empty((len(at), 9))
+    driven = np.where(first > 0.0, 0.0, drive)
     noise_variances(
-        dt,
-        velocity,
-        position,
-        given,
-        loop,
-        at,
-        white,
-        np.where(first > 0.0, 0.0, drive),
-        first,
-        np.exp(-gone),
-        gained,
-        alone,
-        variance,
+        dt, velocity, position, given, loop, at, white, driven, first, np.exp(-gone), gained, alone, variance
     )
     if source.kind == "quantisation":
         variance += (source.sd * last_step(source, motion, steps.edges[at], hold=False)) ** 2

@@ -81,24 +81,15 @@ def sampled(truth: Truth, begin: float, duration: float, description: str = "", 
     """
     if begin < 0.0 or begin + duration > truth.duration + 1e-6:
         raise ConfigError("budget.motion_too_short", after_s=duration, begin_s=begin, duration_s=truth.duration)
-    n = round(duration * rate)
-    time = truth.start + begin + np.arange(n + 1) / rate
+    time = truth.start + begin + np.arange(round(duration * rate) + 1) / rate
     time[-1] = min(time[-1], truth.start + truth.duration)
     samples = imu_from_truth(truth, time, "mean")
     middle = truth.evaluate(time[:-1] + 0.5 * np.diff(time))
     if float(np.cos(middle.lla[:, 0]).min()) < POLAR_CAP:
         raise ConfigError("budget.near_pole")
-    return SampledMotion(
-        reference(truth, time),
-        np.diff(time),
-        middle.lla,
-        middle.v_n,
-        dcm_from_rph(middle.rph),
-        samples.gyro,
-        samples.accel,
-        increments(intervals(samples)),
-        description,
-    )
+    places = middle.lla, middle.v_n, dcm_from_rph(middle.rph)
+    sensed = samples.gyro, samples.accel, increments(intervals(samples))
+    return SampledMotion(reference(truth, time), np.diff(time), *places, *sensed, description)
 
 
 def at_rest(
@@ -134,8 +125,7 @@ def _height_of(gravity: float, lat: float) -> float:
 def first_movement(truth: Truth) -> float:
     """Compute the time from the start to a second before the first movement [s]; 0 without a pause."""
     tau = np.arange(0.0, truth.duration, 0.5)
-    speed = np.linalg.norm(truth.evaluate(truth.start + tau).v_n, axis=1)
-    moving = np.flatnonzero(speed > 0.05)
+    moving = np.flatnonzero(np.linalg.norm(truth.evaluate(truth.start + tau).v_n, axis=1) > 0.05)
     return float(max(tau[moving[0]] - 1.0, 0.0)) if moving.size else 0.0
 
 

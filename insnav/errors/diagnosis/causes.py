@@ -142,8 +142,7 @@ def _solve(
     weighted = cho_solve(factor, design)
     # terms of very different size: scaled to one for a well-conditioned normal matrix
     scale = np.linalg.norm(design, axis=0)
-    normal = (weighted / scale).T @ (design / scale)
-    inverse = np.linalg.pinv(normal, hermitian=True)
+    inverse = np.linalg.pinv((weighted / scale).T @ (design / scale), hermitian=True)
     estimate = inverse @ ((weighted / scale).T @ observed) / scale
     left = observed - design @ estimate
     return estimate, inverse / np.outer(scale, scale), float(left @ cho_solve(factor, left))
@@ -286,8 +285,7 @@ def _responses(windows: Windows, i: int) -> tuple[FloatArray, FloatArray]:
     """Compute position and velocity errors of window i per bias, (6, k, 6), and per start error, (6, k, 9)."""
     time = np.concatenate([[0.0], windows.elapsed[i]])
     c = dcm_from_quat(windows.q_nb[i])
-    gravity = gravity_n(windows.lla[i, 0], windows.lla[i, 2])
-    f = np.gradient(windows.v_n[i], time, axis=0) - gravity
+    f = np.gradient(windows.v_n[i], time, axis=0) - gravity_n(windows.lla[i, 0], windows.lla[i, 2])
     cross = np.zeros((len(time), 3, 3))  # f x
     cross[:, 0, 1], cross[:, 0, 2], cross[:, 1, 2] = -f[:, 2], f[:, 1], -f[:, 0]
     cross -= np.swapaxes(cross, 1, 2)
@@ -413,8 +411,7 @@ def _axis(
     fit = np.array([curve.sd for curve in curves])
     stated = np.sqrt(np.einsum("nii->ni", predicted))
     count = effective_count(windows.start, windows.length)
-    grown = value * position_terms(windows.elapsed[:, -1])
-    part = np.mean(grown**2, axis=0)
+    part = np.mean((value * position_terms(windows.elapsed[:, -1])) ** 2, axis=0)
     units = np.array([1.0, 1.0, 1.0 / gravity])  # from jerk to drift
     draws = 1.0 if windows.uncalibrated else max(count, 1.0)  # turn-on errors are common to all windows
     limit = float(chi_square(draws, 0.5 + 0.5 * CONFIDENCE) / draws)

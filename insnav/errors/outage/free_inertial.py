@@ -175,12 +175,8 @@ def forward_start(state: FilterState, settings: FilterSettings, lever_b: FloatAr
     `lever_b` (3,): point of the reference seen from the IMU [m]; None for the antenna.
     """
     n = layout(settings).states
-    return replace(
-        state,
-        covariance=state.covariance[:n, :n].copy(),
-        correlated=np.zeros(3),
-        lever_b=state.lever_b.copy() if lever_b is None else lever_b.copy(),
-    )
+    arm = state.lever_b if lever_b is None else lever_b
+    return replace(state, covariance=state.covariance[:n, :n].copy(), correlated=np.zeros(3), lever_b=arm.copy())
 
 
 def uncalibrated_start(start: FilterState, model: ErrorModel) -> FilterState:
@@ -272,8 +268,7 @@ def reference_from_trajectory(
     """
     if len(reference.time) < 2:
         raise InputError("budget.short_reference", count=len(reference.time))
-    shape = reference.lla.shape
-    own = np.full((shape[0], 9), np.nan) if reference.sd is None else reference.sd
+    own = np.full((reference.lla.shape[0], 9), np.nan) if reference.sd is None else reference.sd
     sd = np.where(np.isfinite(own[:, :6]), own[:, :6], np.repeat([position_sd, velocity_sd], 3))
     sd = np.maximum(sd, _LEAST_SD)
     velocity_sd_n = np.where(np.isfinite(reference.v_n), sd[:, 3:], np.nan)
@@ -425,8 +420,7 @@ def _navigated(
 ) -> dict[str, Any]:
     """Navigate one window from its first state to its last epoch; return its row of each field of `Windows`."""
     delay = part.settings.delay
-    navigator = Navigator(first, part.model, compared, part.alignment, part.nominal, settings)
-    run = feed(navigator, part.imu).finish()
+    run = feed(Navigator(first, part.model, compared, part.alignment, part.nominal, settings), part.imu).finish()
     seen, at = run.innovations, run.epochs
     reference_sd = np.column_stack([compared.position_sd, compared.velocity_sd])
     covariance = at.covariance[:, :6, :6].copy()
@@ -546,8 +540,7 @@ def _state(trajectory: Trajectory, time: float) -> tuple[FloatArray, FloatArray]
     first = after - 1
     share = (time - trajectory.time[first]) / (trajectory.time[after] - trajectory.time[first])
     v_n = trajectory.v_n[first] + share * (trajectory.v_n[after] - trajectory.v_n[first])
-    way = 0.5 * (trajectory.v_n[at] + v_n) * (time - trajectory.time[at])
-    return lla_offset(trajectory.lla[at], way), v_n
+    return lla_offset(trajectory.lla[at], 0.5 * (trajectory.v_n[at] + v_n) * (time - trajectory.time[at])), v_n
 
 
 def _estimated(errors: SensorErrors, time: float) -> ImuErrors:

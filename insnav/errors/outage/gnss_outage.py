@@ -234,30 +234,19 @@ def _summed(
     )
     left = square - taken_off
     with np.errstate(divide="ignore", invalid="ignore"):
+        rms = np.sqrt(square), np.sqrt(np.where(left > 0.0, left, np.nan)), np.sqrt(taken_off)
+        ends = np.sqrt(np.maximum(low, 0.0)), np.sqrt(np.maximum(high, 0.0))
+        extremes = _quantile(size, 0.95), _quantile(size, 1.0)
+        predicted, count = np.sqrt(mean(variance)), known.sum(axis=0)
         return Growth(
-            times,
-            names,
-            len(start),
-            known.sum(axis=0),
-            effective,
-            np.sqrt(square),
-            np.sqrt(np.where(left > 0.0, left, np.nan)),
-            np.sqrt(taken_off),
-            np.sqrt(np.maximum(low, 0.0)),
-            np.sqrt(np.maximum(high, 0.0)),
-            _quantile(size, 0.95),
-            _quantile(size, 1.0),
-            np.sqrt(mean(variance)),
-            mean(inside),
-            common,
+            times, names, len(start), count, effective, *rms, *ends, *extremes, predicted, mean(inside), common
         )
 
 
 def _quantile(values: FloatArray, share: float) -> FloatArray:
     """Compute a quantile of the known values over the windows; ``NaN`` without values."""
     none = ~np.isfinite(values).any(axis=0)
-    found = np.nanquantile(np.where(none, 0.0, values), share, axis=0)
-    return np.asarray(np.where(none, np.nan, found))
+    return np.asarray(np.where(none, np.nan, np.nanquantile(np.where(none, 0.0, values), share, axis=0)))
 
 
 _MEAN_SIZE = np.sqrt(2.0 / np.pi)  # of a normal number with unit standard deviation
@@ -380,20 +369,12 @@ def _window(reference: GpsData | None, course: FloatArray, job: tuple[Prepared, 
     at = at[at < found.time.shape[0]]
     values = found.innovations[at]
     reference_sd = np.column_stack([gps.position_sd[inside], gps.velocity_sd[inside]])[: at.shape[0]]
-    speed = np.linalg.norm(found.state[at, 3:6], axis=1)
-    return Outage(
-        start,
-        length,
-        found.time[at] - state.time,
-        values[:, :6],
-        np.sqrt(np.maximum(values[:, 6:12], 0.0)),
-        values[:, 12:18],
-        np.sqrt(np.maximum(values[:, 18:24], 0.0)),
-        reference_sd,
-        wrap_pi(rph_from_quat(found.state[at, 6:])[:, 2] - np.interp(found.time[at], *course.T)),
-        np.sqrt(values[:, 24]),
-        float(np.mean(speed)),
-    )
+    elapsed = found.time[at] - state.time
+    filtered = values[:, :6], np.sqrt(np.maximum(values[:, 6:12], 0.0))
+    smoothed = values[:, 12:18], np.sqrt(np.maximum(values[:, 18:24], 0.0))
+    heading = wrap_pi(rph_from_quat(found.state[at, 6:])[:, 2] - np.interp(found.time[at], *course.T))
+    speed = float(np.mean(np.linalg.norm(found.state[at, 3:6], axis=1)))
+    return Outage(start, length, elapsed, *filtered, *smoothed, reference_sd, heading, np.sqrt(values[:, 24]), speed)
 
 
 def _fixes(gps: GpsData, reference: GpsData | None, start: float, stop: float, end: float) -> GpsData:

@@ -190,8 +190,7 @@ def family_covariances(
 ) -> dict[str, FloatArray]:
     """Compute the covariance ``(9, 9)`` of each family alone after a time [s]."""
     sources = sources_of(spec)
-    row = np.array([last_sample(motion, after)])
-    parts = covariance(sources, motion, row, hold=hold)[0]
+    parts = covariance(sources, motion, np.array([last_sample(motion, after)]), hold=hold)[0]
     return {
         name: np.asarray(parts[[source.family == name for source in sources]].sum(axis=0)) for name in families(sources)
     }

@@ -150,8 +150,7 @@ def propagation(truth: Truth, begins: Sequence[float], length: float) -> Propaga
         six = np.ascontiguousarray(given[part, :6])
         _kernel.noises(x, force, dt, six, np.arange(6), one, zero, zero, zero, False, row, noise)
         by_noise[k] = noise[0]
-    C_nb = motion.C_nb[ends - 1]
-    return Propagation(tuple(seconds), later, by_state, by_noise, C_nb, motion.truth.v_n[ends])
+    return Propagation(tuple(seconds), later, by_state, by_noise, motion.C_nb[ends - 1], motion.truth.v_n[ends])
 
 
 def start_covariance(spec: ImuSpec) -> FloatArray:
@@ -187,8 +186,7 @@ def aided_covariances(
         Q, through = P, np.empty((len(specs), moved.length + 1, NAV, NAV))
         through[:, 0] = Q[:, :NAV, :NAV]
         for m in range(1, moved.length + 1):
-            stop = m % aiding.zupt_every == 0
-            Q = _second(moved, Q, begin + m, aiding, process, gps=False, stop=stop)
+            Q = _second(moved, Q, begin + m, aiding, process, gps=False, stop=m % aiding.zupt_every == 0)
             through[:, m] = Q[:, :NAV, :NAV]
         found.append(through)
     return np.stack(at_end), np.stack(found)
@@ -331,8 +329,7 @@ def start_shares(
         gain = np.eye(SENSED)
         for by_state in moved.by_state[begin : begin + after]:
             gain = np.vstack([by_state @ gain, below])
-        covariance = start[:SENSED, :SENSED]
-        values += shapley_effects(gain[list(axes)], covariance, list(present.values()))
+        values += shapley_effects(gain[list(axes)], start[:SENSED, :SENSED], list(present.values()))
         total += float(np.trace(errors[after][np.ix_(axes, axes)]))
     shares = {name: float(value) / total for name, value in zip(present, values, strict=True)}
     return {**shares, NOISE: max(1.0 - sum(shares.values()), 0.0)}

@@ -211,8 +211,7 @@ def _attitudes(dt: FloatArray, dtheta: FloatArray) -> FloatArray:
 
 def _between(quaternion: FloatArray, start: IntArray, end: IntArray) -> FloatArray:
     """Matrix that takes body coordinates before each turn to those after it, (m, 3, 3)."""
-    turn = quat_multiply(quat_conjugate(quaternion[start]), quaternion[end])
-    return np.swapaxes(dcm_from_quat(turn), 1, 2)
+    return np.swapaxes(dcm_from_quat(quat_multiply(quat_conjugate(quaternion[start]), quaternion[end])), 1, 2)
 
 
 def rotations(turns: Turns, bias: FloatArray, matrix: FloatArray) -> FloatArray:
@@ -232,8 +231,7 @@ def rotations(turns: Turns, bias: FloatArray, matrix: FloatArray) -> FloatArray:
 
 def across(up: FloatArray) -> FloatArray:
     """Two unit vectors across each direction, (m, 2, 3)."""
-    smallest = np.eye(3)[np.argmin(np.abs(up), axis=1)]
-    first = np.cross(up, smallest)
+    first = np.cross(up, np.eye(3)[np.argmin(np.abs(up), axis=1)])
     first /= np.linalg.norm(first, axis=1)[:, None]
     return np.stack((first, np.cross(up, first)), axis=1)
 
@@ -274,8 +272,7 @@ def first_guess(turns: Turns, bias: FloatArray, up: FloatArray, counts: bool) ->
 
     reach = np.linalg.norm(total[turns.end] - total[turns.start], axis=1)[turns.use].max()
     scales = reach / np.geomspace(_SMALLEST, _LARGEST, _TRIED) if counts else np.ones(1)
-    tried = [(misfit(scale * np.eye(3)), scale) for scale in scales]
-    best, scale = min(tried)
+    best, scale = min((misfit(scale * np.eye(3)), scale) for scale in scales)
     if best < MISFIT:
         return scale * np.eye(3)
     if not counts and misfit(np.eye(3) / DEG) < MISFIT:
@@ -305,8 +302,7 @@ def fit_turns(turns: Turns, bias: FloatArray, start: FloatArray, up: FloatArray,
         raise InputError("lab.few_turns", count=count, limit=FEWEST_TURNS, parameters=PARAMETERS)
 
     def misfit(e: FloatArray) -> FloatArray:
-        matrix = start @ (np.eye(3) + e.reshape(3, 3))
-        return residuals(rotations(turns, bias, matrix), up)[use].ravel()
+        return residuals(rotations(turns, bias, start @ (np.eye(3) + e.reshape(3, 3))), up)[use].ravel()
 
     def slope(e: FloatArray) -> FloatArray:
         here = misfit(e)
@@ -508,8 +504,7 @@ def _whole_covariance(
 
     def misfit(accel: Triad, bias: FloatArray, sensitivity: FloatArray) -> FloatArray:
         turns = prepare(replace(imu, gyro=imu.gyro - felt @ sensitivity.T), poses, damaged)
-        miss = residuals(rotations(turns, bias, fine.matrix), _directions(accel, force))
-        return miss[turns.use].ravel()
+        return residuals(rotations(turns, bias, fine.matrix), _directions(accel, force))[turns.use].ravel()
 
     here = misfit(fit.triad, rest.bias, rest.g_sensitivity)
     moved = [

@@ -16,7 +16,7 @@ import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, cast
+from typing import cast
 
 import numpy as np
 
@@ -161,21 +161,18 @@ def _refuse_positions(force: FloatArray, accel: Triad, g: float) -> None:
     scale = np.diag(accel.matrix)
     if (np.abs(scale) < 1e-9 * np.abs(force).max() / g).any():
         raise InputError("lab.positions_alike")
-    feels = (force - accel.bias) / (np.abs(scale) * g)
-    for name, felt, ideal in zip(POSITIONS, feels, _ideal(1.0), strict=True):
+    for name, felt, ideal in zip(POSITIONS, (force - accel.bias) / (np.abs(scale) * g), _ideal(1.0), strict=True):
         axis = int(np.argmax(np.abs(ideal)))
         across = float(np.linalg.norm(np.delete(felt, axis)))
         if felt[axis] * ideal[axis] < 0.0 or across > OFF_AXIS:
-            values: dict[str, Any] = {"section": name, "pose": f"{name[0]} {'up' if name.endswith('p') else 'down'}"}
-            values |= {"force": tuple(felt.tolist())}
-            raise InputError("lab.section_pose", **values)
+            pose = f"{name[0]} {'up' if name.endswith('p') else 'down'}"
+            raise InputError("lab.section_pose", section=name, pose=pose, force=tuple(felt.tolist()))
 
 
 def _refuse_turns(integral: FloatArray, turn: float, counts: bool) -> None:
     for axis, name in enumerate(TURNS):
         own = abs(integral[axis, axis])
-        across = float(np.linalg.norm(np.delete(integral[:, axis], axis)))
-        if across > OFF_AXIS * own:
+        if float(np.linalg.norm(np.delete(integral[:, axis], axis))) > OFF_AXIS * own:
             raise InputError(
                 "lab.section_axis", section=name, axis=AXES[axis], integrals=tuple(integral[:, axis].tolist())
             )
@@ -426,7 +423,6 @@ def _pose_warnings(found: PosesCalibration) -> list[Finding]:
             ratio = rms(other) / rms(fitted)
             warnings.append(Finding.of(Code.BENCH_OVERFIT, ratio=ratio, limit_ratio=OVERFIT, what=what))
     drift = np.abs(found.gyro_drift)
-    bias_sd = np.abs(np.linalg.solve(found.gyro.matrix, found.gyro.bias_sd))
-    if (drift > DRIFT * bias_sd).any():
+    if (drift > DRIFT * np.abs(np.linalg.solve(found.gyro.matrix, found.gyro.bias_sd))).any():
         warnings.append(Finding.of(Code.BENCH_DRIFT, subject="gyro", drift_rad_s=drift.max()))
     return warnings

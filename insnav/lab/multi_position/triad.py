@@ -98,8 +98,7 @@ def normal(jacobian: FloatArray) -> Normal:
     condition = float(size[0] / size[-1]) if full and size[-1] > 1e-12 * size[0] else np.inf
     share = np.abs(right[-1])
     weak = tuple(int(i) for i in np.argsort(-share) if share[i] > WEAK)
-    safe = np.maximum(size, 1e-12 * size[0])
-    inverse = (right.T / safe**2) @ right / np.outer(scale, scale)
+    inverse = (right.T / np.maximum(size, 1e-12 * size[0]) ** 2) @ right / np.outer(scale, scale)
     return Normal(inverse, np.sum(left**2, axis=1), condition, weak, right[-1], scale)
 
 
@@ -184,8 +183,7 @@ def norm_jacobian(parameters: FloatArray, force: FloatArray) -> FloatArray:
     """
     matrix = _matrix(parameters)
     f = np.linalg.solve(matrix, (force - parameters[:3]).T).T
-    u = f / np.linalg.norm(f, axis=1)[:, None]
-    v = np.linalg.solve(matrix.T, u.T).T
+    v = np.linalg.solve(matrix.T, (f / np.linalg.norm(f, axis=1)[:, None]).T).T
     return np.column_stack((-v, -v[:, _ROW] * f[:, _COLUMN]))
 
 
@@ -239,5 +237,4 @@ def missing_pose(determined: Normal, g: float) -> tuple[str, ...]:
     # as if the sensors were perfect: a few percent do not change which pose is missing
     rows = norm_jacobian(packed(Triad()), g * candidates)
     rows /= np.linalg.norm(rows, axis=0)
-    gain = np.abs(rows @ determined.direction)
-    return pose_words(candidates[int(np.argmax(gain))])
+    return pose_words(candidates[int(np.argmax(np.abs(rows @ determined.direction)))])

@@ -170,8 +170,7 @@ def _filled(values: FloatArray, time: FloatArray, after: IntArray, lost: IntArra
     place = np.arange(time.size, dtype=np.float64)
     place += np.cumsum(np.bincount(after, lost, time.size))
     every = np.arange(place[-1] + 1.0)
-    columns = [np.interp(every, place, column) for column in values.T]
-    return np.column_stack(columns), np.interp(every, place, time)
+    return np.column_stack([np.interp(every, place, column) for column in values.T]), np.interp(every, place, time)
 
 
 def averaging_factors(n: int, interval: float, taus: Sequence[float] | Literal["log", "octave"] = "log") -> IntArray:
@@ -467,8 +466,7 @@ def _coefficients(fit: _Fit) -> dict[str, Coefficient]:
 def _chosen(allan: AllanDeviation) -> IntArray:
     """Rows for the fit: about `PER_DECADE` evenly on the logarithmic axis, both ends included."""
     tau = allan.tau[allan.factors * FITTED_PART <= allan.n]
-    count = max(4, 1 + round(PER_DECADE * math.log10(tau[-1] / tau[0])))
-    wanted = np.geomspace(tau[0], tau[-1], count)
+    wanted = np.geomspace(tau[0], tau[-1], max(4, 1 + round(PER_DECADE * math.log10(tau[-1] / tau[0]))))
     return np.unique([int(np.argmin(np.abs(np.log(tau / each)))) for each in wanted])
 
 
@@ -581,14 +579,12 @@ class _Fitter:
 
     def _start(self, allowed: BoolArray) -> tuple[FloatArray, float]:
         """Fit with errors as large as the values, so that every part of the curve has weight."""
-        middle = float(self.times[self.times.size // 2])
-        return self._solve(allowed, Weights(np.diag(1.0 / self.seen), 0.0), middle)
+        return self._solve(allowed, Weights(np.diag(1.0 / self.seen), 0.0), float(self.times[self.times.size // 2]))
 
     def _own(self, squares: FloatArray, time: float) -> FloatArray:
         """Compute the covariance of the measured variances under the model."""
         own = covariance(self.factors, self.allan.n, self.allan.interval, squares[:5], time)
-        each = self._basis(time) * squares
-        model = each.sum(axis=1)
+        model = (self._basis(time) * squares).sum(axis=1)
         # Noise resembles a ramp by the difference between the means of both halves of the record: a common error at all
         # times.
         half = 0.5 * self.allan.n * self.allan.interval
@@ -614,14 +610,11 @@ class _Fitter:
 
         if not allowed[4]:
             return at(1.0)[1], math.inf
-        tried = [at(each) for each in self.times]
-        best = int(np.argmin([left for left, _ in tried]))
-        low, high = self.times[max(0, best - 1)], self.times[min(best + 1, self.times.size - 1)]
+        best = int(np.argmin([at(each)[0] for each in self.times]))
+        ends = self.times[max(0, best - 1)], self.times[min(best + 1, self.times.size - 1)]
+        bounds = tuple(math.log(each) for each in ends)
         least = minimize_scalar(
-            lambda logarithm: at(math.exp(logarithm))[0],
-            bounds=(math.log(low), math.log(high)),
-            method="bounded",
-            options={"xatol": 1e-4},
+            lambda logarithm: at(math.exp(logarithm))[0], bounds=bounds, method="bounded", options={"xatol": 1e-4}
         )
         time = math.exp(float(least.x))
         return at(time)[1], time

@@ -275,10 +275,9 @@ def _refuse_motion(record: EvenRecord) -> None:
 
 def _of_record(imu: ImuData, record: EvenRecord) -> list[Finding]:
     """Report unusual properties of the samples."""
-    damaged = Counter((event.code, event.subject) for event in inspect(imu)[1])
     warnings = [
         Finding.of(Code.ALLAN_DAMAGED, subject=subject, count=count, what=code.value)
-        for (code, subject), count in damaged.items()
+        for (code, subject), count in Counter((event.code, event.subject) for event in inspect(imu)[1]).items()
     ]
     steps, scatter = noise.smallest_step(record.values), record.values.std(axis=0)
     white = steps * math.sqrt(record.interval / 12.0)  # random walk from rounding samples to steps

@@ -209,10 +209,9 @@ def calibrate_rate_table(
     """
     _refuse_nonsense(rate, output, where)
     used, dropped = _linear_part(rate, output, where) if keep is None else ((rate >= keep[0]) & (rate <= keep[1]), ())
-    if np.count_nonzero(used) < FEWEST:
-        values: dict[str, Any] = {"count": int(np.count_nonzero(used)), "total": rate.size, "limit": FEWEST}
-        values |= {"option": "" if keep is None else "--range"}
-        raise InputError("lab.few_rates", where=where, **values)
+    if (count := int(np.count_nonzero(used))) < FEWEST:
+        option = "" if keep is None else "--range"
+        raise InputError("lab.few_rates", where=where, count=count, total=rate.size, limit=FEWEST, option=option)
     fit = _line(rate[used], output[used], where)
     if abs(fit.value[1]) < 5.0 * fit.sd[1]:
         raise InputError(
@@ -337,8 +336,7 @@ def calibrate_gyro(record: Record, keep: tuple[float, float] | None = None) -> R
     output in another unit than its column states.
     """
     # the table's rates are round numbers in deg/s
-    rate = np.round(record.setting / DEG, 9)
-    found = calibrate_rate_table(rate, record.output, keep, where=record.table.name)
+    found = calibrate_rate_table(np.round(record.setting / DEG, 9), record.output, keep, where=record.table.name)
     refuse_unit(record, float(found.fit.value[1]))
     return found
 

@@ -269,8 +269,7 @@ def climb(state: State, height: float, angle: float, acceleration: float, jerk: 
     sign = math.copysign(1.0, height)
 
     def bend(gamma: float) -> Rise:
-        rate = acceleration / state.speed
-        return Rise(sign * gamma, rate, STEEPEST * acceleration / jerk)
+        return Rise(sign * gamma, acceleration / state.speed, STEEPEST * acceleration / jerk)
 
     def gained(gamma: float) -> float:
         rise = bend(gamma)

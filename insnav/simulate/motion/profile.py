@@ -293,8 +293,7 @@ def way_through(
     at = np.interp(travelled, length, fine)
     course = np.unwrap(np.arctan2(slope[:, 1], slope[:, 0]))
     rise = PchipInterpolator(chord, lla[:, 2])(at, nu=1) / np.interp(at, fine, stretch)
-    heading = np.interp(at, fine, course)
-    return Commands(t, smooth, heading, np.arctan(rise), np.zeros_like(t), float(t[-1])), []
+    return Commands(t, smooth, np.interp(at, fine, course), np.arctan(rise), np.zeros_like(t), float(t[-1])), []
 
 
 def _latitude(value: object) -> float:
@@ -485,8 +484,7 @@ def _waypoints(
     speed: FloatArray = np.array([point.speed for point in file.waypoint])
     way, more = way_through(lla, speed, spacing_of((), vibration), vehicle)
     problems += more
-    heading = 0.0 if way is None else float(way.heading[0])
-    return Start(lla[0], heading, float(speed[0]), 0.0, 0.0, 0.0), [], way
+    return Start(lla[0], 0.0 if way is None else float(way.heading[0]), float(speed[0]), 0.0, 0.0, 0.0), [], way
 
 
 def _vibration(table: _Vibration, problems: list[ConfigError]) -> Vibration:

@@ -194,8 +194,7 @@ class Helix(Segment):
         _bearable("sim.sideways_in_helix", rate * abs(state.speed), vehicle.sideways, vehicle)
         move = moves.helix(state, 2.0 * math.pi * self.turns, rate, self.height, vehicle.jerk)
         assert move.grade is not None
-        steepest = float(np.abs(move.grade(np.array([0.5 * move.duration])))[0])
-        if not steepest <= vehicle.grade:
+        if not float(np.abs(move.grade(np.array([0.5 * move.duration])))[0]) <= vehicle.grade:
             raise ConfigError(
                 "sim.too_steep_helix", vehicle=vehicle.name, height_m=self.height, limit_rad=vehicle.grade
             )
