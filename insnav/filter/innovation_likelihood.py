@@ -58,8 +58,8 @@ VELOCITY_PRIOR = 0.6
 # % are not significant; neglected, they double the smoothed errors (error2/variance 3 to 4).
 SHARE = (0.0, 1.5)
 CORRELATION_TIME = (float(np.log(45.0)), 1.0)  # logarithm of its correlation time [s], and its sd
-# Largest share, and fixes farther apart than this use `LARGEST_SHARE` [s]. Their white part also contains IMU model
-# errors in turns, which grow with the squared interval.
+# Largest share of close fixes, and interval beyond which it is `LARGEST_SHARE` [s]. The white part of such fixes also
+# contains IMU model errors in turns, which grow with the squared interval.
 ALL, FAR_APART = 1.0 - 1e-6, 0.5
 # Velocities may also have a time-correlated error, observable by their integral against positions. Logarithms of its sd
 # relative to the velocity sd, of its correlation time [s], and their sd. Correlation over seconds is receiver
