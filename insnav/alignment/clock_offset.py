@@ -242,11 +242,8 @@ def _rates(track: _Track, span: float) -> tuple[float, FloatArray, BoolArray]:
     grid = np.arange(track.time[0] + 0.5 * span, track.time[-1] - 0.5 * span, STEP)
     ends = grid - 0.5 * span, grid + 0.5 * span
     values = _over(track, ends) / span
-    return (
-        float(grid[0]) if len(grid) else 0.0,
-        values,
-        np.array([_covered(track, flags, ends) for flags in (track.turns, track.known)]),
-    )
+    known = np.array([_covered(track, flags, ends) for flags in (track.turns, track.known)])
+    return float(grid[0]) if len(grid) else 0.0, values, known
 
 
 def _covered(track: _Track, flags: BoolArray, ends: tuple[FloatArray, FloatArray]) -> BoolArray:
@@ -351,10 +348,8 @@ def _refined(imu: _Track, gps: _Track, lag: float, span: float) -> ClockOffset |
     if not len(ends[0]):
         return None
     length = ends[1] - ends[0]
-    seen = np.array(
-        [gps.turn[rows:] - gps.turn[:-rows], np.linalg.norm(gps.change[rows:] - gps.change[:-rows], axis=1)]
-    )
-    seen = seen / length
+    turn, change_of_v = gps.turn[rows:] - gps.turn[:-rows], gps.change[rows:] - gps.change[:-rows]
+    seen = np.array([turn, np.linalg.norm(change_of_v, axis=1)]) / length
     known = np.array([_covered(gps, flags, ends) for flags in (gps.turns, gps.known)])
 
     def residuals(offset: float) -> tuple[FloatArray, FloatArray, FloatArray]:

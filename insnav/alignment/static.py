@@ -24,7 +24,6 @@ from insnav.types import Alignment, BoolArray, FloatArray
 from insnav.units import G0
 
 WINDOW = 0.5  # length of the classified windows: several periods of an idling engine [s]
-BLOCK = 4096  # windows processed together
 FEWEST = 10  # samples per mean
 SHORTEST = 3.0  # a shorter stop levels no better than the first fixes [s]
 CALM_ACCEL, CALM_GYRO = 0.3, 0.03  # quiet below these without GPS: standard deviation [m/s^2], [rad/s] ...
@@ -167,7 +166,7 @@ def _windows(
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
     """Compute means (n, 3) and norms of the sd (n,) of rate, and of specific force, in `n` windows from a row on."""
     mean, loud = np.empty((2, n, 3)), np.empty((2, n))
-    for some in spill.blocks(n, size=BLOCK):  # a stop may last for days
+    for some in spill.blocks(n, size=1 + spill.ROWS // size):  # a stop may last for days
         samples = parts.dt, parts.gyro, parts.accel, parts.instant
         window_scatter(*samples, size, begin, some.start, some.stop, mean, loud)
     return mean[0], loud[0], mean[1], loud[1]

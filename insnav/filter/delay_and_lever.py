@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -389,18 +389,10 @@ def on_time(
         tried = there, further, (clock, rate)
         if refined or further.misfit <= seen.misfit + WORSE:  # a large delay is found in steps: the first may be worse
             ready, seen, own = tried
-    arm = replace(ready.settings, shaken=seen.shaken, lever_sd=seen.lever_sd)
+    arm = replace(ready.settings, shaken=seen.shaken, lever_sd=seen.lever_sd, delay_sd=width)
+    arm = replace(arm, least_delay_sd=least_delay_sd, shown=shown - own[0] - half * own[1])
     lag_sd = LOOKED * lags[1] if lags[1] > LAG_SD_WORTH else 0.0
-    arm = replace(
-        arm,
-        delay_sd=width,
-        least_delay_sd=least_delay_sd,
-        shown=shown - own[0] - half * own[1],
-        velocity_lag=lags[0],
-        lag_sd=lag_sd,
-        moments=lags[2],
-    )
-    ready = replace(ready, settings=arm)
+    ready = replace(ready, settings=replace(arm, velocity_lag=lags[0], lag_sd=lag_sd, moments=lags[2]))
     if seen.ready.clock == ready.clock and not ready.parts:  # of a start in motion
         ready = replace(ready, alignment=seen.ready.alignment, initial=seen.ready.initial)
     lagging, known = abs(lags[0]) > LAG_WORTH, lags[1] > 0.0
@@ -466,7 +458,6 @@ MARGIN = 3.0  # additional margin in sd: noise identified with a wrong arm is to
 # Share of the lever-arm information that may come from gyro noise before it is reported. Approximate time over which
 # noise rotates the attitude before fixes correct it [s]
 PRETENDED, SHOWN_AFTER = 0.2, 10.0
-DOUBLED = 2.0  # factor on the standard deviations then
 NO_GYROS = 30.0 * DEG_PER_SQRT_H  # no gyro has this noise; hard mounts in vehicles: up to 8 deg/√h [rad/√s]
 WRONG_HEADING = 3.0  # error of a specified heading in sd, from which the heading of the drive is tried
 
@@ -483,15 +474,9 @@ def with_right_heading(given: Prepared, found: Prepared) -> Prepared:
         ready, code = given, Code.GIVEN_HEADING_KEPT
         if off < WRONG_HEADING * np.hypot(assumed.sd[2], shown.sd[2]):
             return given
-    heading = Finding.of(
-        code,
-        ready.initial.time,
-        difference_rad=off,
-        limit_rad=limit,
-        given_rad=assumed.rph[2],
-        estimate_rad=shown.rph[2],
-        estimate_sd_rad=shown.sd[2],
-    )
+    values: dict[str, Any] = {"difference_rad": off, "limit_rad": limit, "given_rad": assumed.rph[2]}
+    values |= {"estimate_rad": shown.rph[2], "estimate_sd_rad": shown.sd[2]}
+    heading = Finding.of(code, ready.initial.time, **values)
     return replace(ready, faults=(*ready.faults, heading))
 
 
@@ -509,14 +494,9 @@ def with_right_lever(given: Prepared, alone: Callable[[], Prepared]) -> Prepared
     hidden = min(pretended(other, run), 1.0) * np.abs(arm)
     if (np.abs(run.lever_b - arm) > limit + hidden).any():
         return other
-    kept = Finding.of(
-        Code.GIVEN_LEVER_ARM_KEPT,
-        given.initial.time,
-        difference_m=off.max(),
-        limit_m=limit.max(),
-        given_m=tuple(arm),
-        estimate_m=tuple(run.lever_b),
-    )
+    values: dict[str, Any] = {"difference_m": off.max(), "limit_m": limit.max()}
+    values |= {"given_m": tuple(arm), "estimate_m": tuple(run.lever_b)}
+    kept = Finding.of(Code.GIVEN_LEVER_ARM_KEPT, given.initial.time, **values)
     return replace(given, faults=(*given.faults, kept))
 
 
@@ -548,7 +528,7 @@ def with_hidden_lever(ready: Prepared, run: Run) -> tuple[Run, tuple[Finding, ..
         return run, ()
     of_each = part * (run.lever_sd_alone / np.max(run.lever_sd_alone)) ** 2
     short = np.where(of_each > 1.0, of_each, 0.0) * np.abs(run.lever_b)
-    sd = np.hypot(DOUBLED * run.lever_sd, short)
+    sd = np.hypot(2.0 * run.lever_sd, short)
     more = sd**2 - run.lever_sd**2
 
     def wider(solution: Trajectory, of: FloatArray) -> FloatArray:
@@ -557,20 +537,14 @@ def with_hidden_lever(ready: Prepared, run: Run) -> tuple[Run, tuple[Finding, ..
         return of
 
     hidden = Finding.of(Code.NOISE_HIDES_LEVER_ARM, begin, share=part, limit_share=PRETENDED, noise_rad_sqrt_s=noise)
-    return replace(with_wider_sd(run, wider), lever_sd=sd, gps_delay_sd=DOUBLED * run.gps_delay_sd), (hidden,)
+    return replace(with_wider_sd(run, wider), lever_sd=sd, gps_delay_sd=2.0 * run.gps_delay_sd), (hidden,)
 
 
 def lever_contradicted(arm: FloatArray, run: Run) -> Finding:
     """Report a specified arm (3,) [m] that a run without it contradicts, with the run's estimate to specify."""
-    return Finding.of(
-        Code.GIVEN_LEVER_ARM_REJECTED,
-        run.solution.time[0],
-        difference_m=np.abs(run.lever_b - arm).max(),
-        limit_m=WRONG,
-        estimate_m=tuple(run.lever_b),
-        estimate_sd_m=tuple(run.lever_sd),
-        given_m=tuple(arm),
-    )
+    values: dict[str, Any] = {"difference_m": np.abs(run.lever_b - arm).max(), "limit_m": WRONG, "given_m": tuple(arm)}
+    values |= {"estimate_m": tuple(run.lever_b), "estimate_sd_m": tuple(run.lever_sd)}
+    return Finding.of(Code.GIVEN_LEVER_ARM_REJECTED, run.solution.time[0], **values)
 
 
 def looked(ready: Prepared, **opened: float) -> Run:

@@ -34,8 +34,7 @@ CARRIER = 0.1  # position scatter beyond this is not carrier-phase quality [m]
 FLOAT, FLOAT_SD = 2, 0.3  # ambiguities not fixed: decimetres at best, whatever the reported sd [m]
 FIXED, DGPS = 1, 4  # further fix types; with satellite corrections 1.0 m CEP, same data sheet
 BY_FIX = {FIXED: (POSITION_FLOOR,) * 3, FLOAT: (FLOAT_SD, FLOAT_SD, 2.0 * FLOAT_SD), DGPS: (1.0, 1.0, 2.0)}  # [m]
-OPEN_VELOCITY = 100.0  # sd of an unmeasured vertical velocity: no weight [m/s]
-OPEN_HEIGHT = 100.0  # sd of an unmeasured height: the largest of a usable fix [m]
+OPEN_SD = 100.0  # of an unmeasured height [m], the largest of a usable fix, or vertical velocity [m/s]: no weight
 SPARSE = 2.0  # at longer intervals the velocity in between is unknown: motion dominates the scatter [s]
 LAG_WORTH = 0.03  # a smaller lag is not corrected: at 2 m/s^2 it makes 0.06 m/s, the noise of a good velocity [s]
 
@@ -119,19 +118,15 @@ def _scatter(
     """
     n = time.shape[0]
     good = np.flatnonzero(np.isfinite(values).all(axis=1))
-    if good.size < 20:
+    if good.size < 20 or float(np.median(np.diff(time[good]))) > SPARSE:
         return np.tile(np.asarray(default), (n, 1))
-    t, x = time[good], values[good]
-    if float(np.median(np.diff(t))) > SPARSE:
-        return np.tile(np.asarray(default), (n, 1))
-    third, middle = _third_differences(t, x)
+    third, middle = _third_differences(time[good], values[good])
     third *= ALIKE
     if third.shape[0] < 20:
         return np.tile(np.asarray(default), (n, 1))
     overall: FloatArray = np.median(third, axis=0)
-    sd_floor: FloatArray = np.full(3, floor)
-    if overall[:2].max() > least_scatter:  # smoothing in the receiver hides metres of slow error from this estimate
-        sd_floor = np.maximum(floor, default)
+    # smoothing in the receiver hides metres of slow error from this estimate
+    sd_floor = np.maximum(floor, default if overall[:2].max() > least_scatter else 0.0)
     begin, end = np.searchsorted(middle, [time - WINDOW, time + WINDOW])
     count = end - begin
     most, sd = int(count.max()), np.empty((n, 3))
@@ -224,10 +219,8 @@ def with_sd(gps: GpsData, *, scatter_alone: bool = True) -> tuple[GpsData, tuple
     if missing.any():
         carrier, code = CARRIER, Code.GPS_POSITION_SD_SCATTER
         if not scatter_alone:
-            carrier, code = (
-                np.inf,
-                Code.GPS_POSITION_SD_STAND_ALONE if gps.fix is None else Code.GPS_POSITION_SD_FIX_TYPE,
-            )
+            carrier = np.inf
+            code = Code.GPS_POSITION_SD_STAND_ALONE if gps.fix is None else Code.GPS_POSITION_SD_FIX_TYPE
         found = _scatter(gps.time, ned_offset(gps.lla, gps.lla[0]), POSITION_FLOOR, DEFAULT_POSITION, carrier)
         if not scatter_alone:
             found = _by_fix(gps, found / ALIKE)
@@ -249,7 +242,7 @@ def with_sd(gps: GpsData, *, scatter_alone: bool = True) -> tuple[GpsData, tuple
             position_sd = np.where(sure[:, None], np.maximum(position_sd, FLOAT_SD), position_sd)
             notes.append(Finding.of(Code.GPS_FLOAT, count=sure.sum(), limit_m=FLOAT_SD))
     if measured < 3:
-        position_sd = np.where([False, False, True], OPEN_HEIGHT, position_sd)
+        position_sd = np.where([False, False, True], OPEN_SD, position_sd)
     v_n = gps.v_n if vertical_measured(gps.v_n) else np.where([True, True, False], gps.v_n, np.nan)
     half = np.logical_xor(*np.isfinite(v_n[:, :2]).T)
     if half.any():
@@ -258,13 +251,13 @@ def with_sd(gps: GpsData, *, scatter_alone: bool = True) -> tuple[GpsData, tuple
     level = np.isfinite(v_n[:, :2]).all(axis=1) & np.isnan(v_n[:, 2])
     if level.any():
         v_n = np.where(level[:, None] & [False, False, True], 0.0, v_n)
-        velocity_sd = np.where(level[:, None] & [False, False, True], OPEN_VELOCITY, velocity_sd)
+        velocity_sd = np.where(level[:, None] & [False, False, True], OPEN_SD, velocity_sd)
         notes.append(Finding.of(Code.GPS_VELOCITY_LEVEL, count=level.sum()))
     given = np.isfinite(v_n).all(axis=1)
     missing = np.asarray(given & np.isnan(velocity_sd).any(axis=1))
     if missing.any():
         found = _scatter(gps.time, v_n, VELOCITY_FLOOR, DEFAULT_VELOCITY, np.inf)
-        found[level, 2] = OPEN_VELOCITY
+        found[level, 2] = OPEN_SD
         velocity_sd = np.where(missing[:, None], found, velocity_sd)
         middle = np.median(velocity_sd[missing], axis=0).tolist()
         notes.append(
@@ -289,7 +282,7 @@ WORTH_REPORTED = 0.3  # least share of the reported variance, missing in the dat
 MISFIT = 1.3  # largest misfit, relative to white errors alone, to accept the reported variance [-]
 SHORTEST_REPORTED = 10.0  # shorter correlation times would be visible [s]
 TOO_MUCH = 3.0  # an apparent variance beyond this multiple of the reported one has other causes [-]
-MOST = 0.95  # largest share: part of the error is always white [-]
+LARGEST_SHARE = 0.95  # part of the error is always white [-]
 BETTER = 0.8  # largest misfit with a correlated part, relative to white errors alone, to accept that part [-]
 CHI2_MEDIAN = 0.4549  # median of chi-square with one degree of freedom
 
@@ -368,9 +361,8 @@ def correlated_noise(gps: GpsData, lag: float, *, reported: bool = True) -> Corr
     missing = (half - integrated)[: 2 * even.shape[0]].reshape(-1, 2, 2).sum(axis=1)[even] / 16.0
     if missing.size == 0 or np.sqrt(np.mean(missing**2)) > ROUGH * float(np.median(sd[:, :2])):
         return None  # velocities too sparse for an integral as accurate as the positions
-    error = np.vstack(
-        [np.zeros(2), np.cumsum(gone - integrated, axis=0)]
-    )  # of position, minus the sum of velocity errors
+    # of position, minus the sum of velocity errors
+    error = np.vstack([np.zeros(2), np.cumsum(gone - integrated, axis=0)])
     stretch = np.concatenate([[0], np.cumsum(gap)])
     most = min(LONGEST / usual, t.shape[0] / 4)
     lags = np.unique(np.geomspace(1, max(most, 2), 30).astype(int))
@@ -389,9 +381,8 @@ def correlated_noise(gps: GpsData, lag: float, *, reported: bool = True) -> Corr
     scale = np.array(weight) / (y + 0.05)
     ones = np.ones_like(x)
     white_only = positive_parts(np.column_stack([ones, x]) * scale[:, None], y * scale)[1]
-    misfit, time, (white, correlated, _) = min(
-        (_fit(x, y, scale, float(each)) for each in TIMES), key=lambda found: found[0]
-    )
+    fits = [_fit(x, y, scale, float(each)) for each in TIMES]
+    misfit, time, (white, correlated, _) = min(fits, key=lambda found: found[0])
     total = white + correlated
     # accept the correlated term if it improves the fit, is a visible part of the reported variance, and is seen over
     # five correlation times
@@ -403,7 +394,7 @@ def correlated_noise(gps: GpsData, lag: float, *, reported: bool = True) -> Corr
             return None
     else:
         share = correlated / total
-    share = min(float(share), MOST)
+    share = min(float(share), LARGEST_SHARE)
     return CorrelatedNoise(share, time, np.sqrt(share) * np.median(sd, axis=0), by_reported)
 
 

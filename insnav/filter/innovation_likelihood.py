@@ -14,7 +14,7 @@ import numpy as np
 from insnav.attitude import rph_by_turn
 from insnav.exceptions import DivergenceError
 from insnav.filter.error_model import error_model, first_state, layout
-from insnav.filter.gps_noise import ALIKE, OPEN_VELOCITY, CorrelatedNoise
+from insnav.filter.gps_noise import ALIKE, LARGEST_SHARE, OPEN_SD, CorrelatedNoise
 from insnav.filter.navigator import Navigator
 from insnav.filter.noise_estimate import NoiseEstimate, errors_of_axes, informed, start_by
 from insnav.filter.prepare import Prepared
@@ -58,9 +58,9 @@ VELOCITY_PRIOR = 0.6
 # % are not significant; neglected, they double the smoothed errors (error2/variance 3 to 4).
 SHARE = (0.0, 1.5)
 CORRELATION_TIME = (float(np.log(45.0)), 1.0)  # logarithm of its correlation time [s], and its sd
-# Largest share, overall and for fixes farther apart than this [s]. Their white part also contains IMU model errors in
-# turns, which grow with the squared interval.
-ALL, LARGEST_SHARE, FAR_APART = 1.0 - 1e-6, 0.95, 0.5
+# Largest share of close fixes, and interval beyond which it is `LARGEST_SHARE` [s]. The white part of such fixes also
+# contains IMU model errors in turns, which grow with the squared interval.
+ALL, FAR_APART = 1.0 - 1e-6, 0.5
 # Velocities may also have a time-correlated error, observable by their integral against positions. Logarithms of its sd
 # relative to the velocity sd, of its correlation time [s], and their sd. Correlation over seconds is receiver
 # smoothing.
@@ -120,7 +120,7 @@ class InnovationLikelihood:
         self._sd = np.nan_to_num(np.hstack([gps.position_sd[fix], gps.velocity_sd[fix]]), nan=1.0)
         self._axes, self._c = errors_of_axes(rows, self._tape[2], imu, ready.nominal)
         moving = np.isfinite(gps.v_n).all(axis=1)
-        unknown = np.full(3, OPEN_VELOCITY)
+        unknown = np.full(3, OPEN_SD)
         self.velocity_sd: FloatArray = np.median(gps.velocity_sd[moving], axis=0) if moving.any() else unknown
         self.fixes = int(np.count_nonzero(self._offered & (self._tape[1] > 0)))
         self.offered = int(np.count_nonzero((gps.time > imu.time[0]) & (gps.time < imu.time[-1])))
@@ -184,7 +184,7 @@ class InnovationLikelihood:
         ]
         found += [Parameter(name, 0.0, *POSITION_PRIOR) for name in LEVELS]
         for axis, name in ((0, "velocity"), (2, "vertical_velocity")):
-            if self.velocity_sd[axis] < OPEN_VELOCITY:
+            if self.velocity_sd[axis] < OPEN_SD:
                 found.append(Parameter(f"gps.{name}", 0.0, VELOCITY_PRIOR, VELOCITY_PRIOR))
         near = float(np.quantile(np.diff(self._given), 0.25))  # fixes are used in pairs
         most = LARGEST_SHARE if near > FAR_APART else ALL
@@ -212,7 +212,7 @@ class InnovationLikelihood:
         correlated = CorrelatedNoise(float(share), time, np.sqrt(share) * position * self.median_sd)
         if "gps.velocity_correlated" in value:
             size, time = (float(np.exp(value[f"gps.{key}"])) for key in VELOCITY_CORRELATED)
-            measured = np.where(self.velocity_sd < OPEN_VELOCITY, self.velocity_sd, 0.0)
+            measured = np.where(self.velocity_sd < OPEN_SD, self.velocity_sd, 0.0)
             correlated = replace(correlated, velocity_sd=size * measured, velocity_time=time)
         return position, velocity, correlated
 
@@ -229,7 +229,7 @@ class InnovationLikelihood:
         mean = np.zeros(start.covariance.shape[0])
         mean[NAV : NAV + 3] = self._run.initial.gyro_bias - start.correction[:3]
         factor = np.concatenate([np.sqrt(1.0 - correlated.share) * position, velocity])
-        factor = np.where(self._sd < OPEN_VELOCITY, factor, 1.0)  # unmeasured values carry no information on it
+        factor = np.where(self._sd < OPEN_SD, factor, 1.0)  # unmeasured values carry no information on it
         variance = self._other + self._offered[:, None] * (factor * self._sd) ** 2
         count = kernel.innovations(
             self._tape,

@@ -101,10 +101,6 @@ class Posterior:
         wide = top + np.diag(covariance) * [AVERAGED.get(p.key, 0.0) for p in self.parameters]
         return np.array([wide, *(top + end * np.sqrt(np.diag(covariance)) for end in INTERVAL)])
 
-    def figures(self, plausible: FloatArray, spec: ImuSpec) -> list[NoiseFigure]:
-        """Convert `plausible` values to parameters."""
-        return [_figure(p, x, spec) for p, x in zip(self.parameters, plausible.T, strict=True)]
-
     def innovations(self, at: FloatArray) -> _Seen:
         """Compute innovations, their variances, and the cost of a parameter set."""
         parts = [drive.normalised(at) for drive in self.drives]
@@ -469,7 +465,7 @@ def with_known_noise(ready: Prepared, spec: ImuSpec, *, lasting: bool, sizes: bo
     position, _, correlated = posterior.drives[0].fixes_of(plausible[0])
     if sizes:
         ready = ready.scale_sds(ready.model, position, np.ones(3))
-    estimates = posterior.figures(plausible, spec)
+    estimates = [_figure(p, x, spec) for p, x in zip(posterior.parameters, plausible.T, strict=True)]
     more = *_report_factor(Code.ESTIMATE_POSITION_SD, position), _report_correlated(correlated, estimates)
     settings, notes = replace(ready.settings, correlated=correlated), (*_without_correlated(ready.notes), *more)
     return replace(ready, settings=settings, notes=notes)
@@ -541,7 +537,7 @@ def _report(found: NoiseEstimate) -> list[Finding]:
 
 def _report_factor(code: Code, factor: FloatArray) -> list[Finding]:
     level, _, down = factor
-    changed = bool(max(abs(level - 1.0), abs(down - 1.0)) > FACTOR_WORTH)
+    changed = max(abs(level - 1.0), abs(down - 1.0)) > FACTOR_WORTH
     return [Finding.of(code, horizontal_factor=level, vertical_factor=down)] * bool(changed)
 
 

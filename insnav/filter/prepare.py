@@ -17,7 +17,7 @@ from insnav.alignment.static import LONG_REST
 from insnav.exceptions import AlignmentError, InputError
 from insnav.filter.error_model import ErrorModel, InitialState, Part, error_model, initial_state
 from insnav.filter.gates import Gates, pass_quality, without_frozen
-from insnav.filter.gps_noise import LAG_WORTH, OPEN_HEIGHT, correlated_noise, name_lag, velocity_lag, with_sd
+from insnav.filter.gps_noise import LAG_WORTH, OPEN_SD, correlated_noise, name_lag, velocity_lag, with_sd
 from insnav.filter.measurements.sensors import HeightAiding
 from insnav.filter.navigator import Navigator
 from insnav.filter.noise_estimate import NoiseEstimate, start_by
@@ -140,28 +140,17 @@ class Prepared:
     def apply_noise(self, found: NoiseEstimate) -> Prepared:
         """Copy with the estimated noise, except misalignments."""
         model = error_model(found.filter_spec, self.model.states)
-        return replace(
-            self.scale_sds(model, found.position_factor, found.velocity_factor),
-            model=model,
-            settings=replace(self.settings, correlated=found.correlated),
-            noise=found,
-        )
+        scaled = self.scale_sds(model, found.position_factor, found.velocity_factor)
+        return replace(scaled, model=model, settings=replace(self.settings, correlated=found.correlated), noise=found)
 
     def scale_sds(self, model: ErrorModel, position: FloatArray, velocity: FloatArray) -> Prepared:
         """Scale the standard deviations of fixes by (3,) each [-], and adapt the starts to these and an error model."""
-        gps = replace(
-            self.gps,
-            position_sd=self.gps.position_sd * np.where(self.gps.position_sd < OPEN_HEIGHT, position, 1.0),
-            velocity_sd=self.gps.velocity_sd * velocity,
-        )
-        return replace(
-            self,
-            gps=gps,
-            initial=start_by(self.initial, self.alignment, model, position),
-            parts=tuple(
-                replace(part, initial=start_by(part.initial, part.alignment, model, position)) for part in self.parts
-            ),
-        )
+        position_sd = self.gps.position_sd * np.where(self.gps.position_sd < OPEN_SD, position, 1.0)
+        gps = replace(self.gps, position_sd=position_sd, velocity_sd=self.gps.velocity_sd * velocity)
+        initial = start_by(self.initial, self.alignment, model, position)
+        starts = [start_by(part.initial, part.alignment, model, position) for part in self.parts]
+        parts = tuple(replace(part, initial=start) for part, start in zip(self.parts, starts, strict=True))
+        return replace(self, gps=gps, initial=initial, parts=parts)
 
     def first(self, length: float) -> ImuData:
         """Return a long initial stationary time, which hardly determines delay or noise, and `length` seconds more."""
@@ -327,12 +316,8 @@ def _check(imu: ImuData, gps: GpsData, start: Start | None) -> None:
         return
     early = nominal + strapdown.TIME_TOLERANCE
     if not any(imu.time[part][0] - early <= start.time < imu.time[part][-1] for part in spans(imu)):
-        raise InputError(
-            "align.start_outside",
-            start_s=start.time,
-            samples_s=(float(imu.time[0]), float(imu.time[-1])),
-            parts=len(spans(imu)),
-        )
+        samples_s = float(imu.time[0]), float(imu.time[-1])
+        raise InputError("align.start_outside", start_s=start.time, samples_s=samples_s, parts=len(spans(imu)))
 
 
 def _noise_of_fixes(

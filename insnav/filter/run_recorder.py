@@ -282,26 +282,14 @@ def _smoothed(track: Trajectory, found: SmoothedErrors, clock: float, moved: Flo
 
     `moved` (m, 9): see `_moved`, at these.
     """
-    at, error = found.state[found.used].copy(), found.after[found.used]
+    used = np.flatnonzero(found.used)
+    time, at, error = found.time[used] + clock, found.state[used], found.after[used]
     for row, wrong in zip(at, error, strict=True):
         feed_back(row, np.zeros(SENSOR), wrong)
-    return Smoothed(
-        track,
-        Epochs(
-            found.time[found.used] + clock,
-            at[:, :3],
-            at[:, 3:6],
-            at[:, 6:],
-            spill.by_blocks(
-                lambda row, some: found.covariance[row] + _squared(some), np.flatnonzero(found.used), moved
-            ),
-        ),
-        SensorErrors(
-            found.time[found.used] + clock,
-            found.correction[found.used] - error[:, NAV:],
-            np.sqrt(np.maximum(found.variance[found.used], 0.0)),
-        ),
-    )
+    covariance = spill.by_blocks(lambda row, some: found.covariance[row] + _squared(some), used, moved)
+    states = Epochs(time, at[:, :3], at[:, 3:6], at[:, 6:], covariance)
+    sd = np.sqrt(np.maximum(found.variance[used], 0.0))
+    return Smoothed(track, states, SensorErrors(time, found.correction[used] - error[:, NAV:], sd))
 
 
 def _divergence(innovations: Innovations, limit: float) -> list[Finding]:

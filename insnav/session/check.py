@@ -38,7 +38,6 @@ from insnav.strapdown import intervals, joined
 from insnav.types import BoolArray, GpsData, ImuData, Run
 from insnav.units import G0
 
-TO_MEND = 3
 WORST_FIRST: Final = (
     *(Code.CHECK_REFUSED, Code.CHECK_OPTION_NEEDED, Code.CHECK_STUCK, Code.CHECK_CLIPPED, Code.ROWS_CUT),
     *(Code.READ_ROWS_UNREADABLE, Code.FILES_IMU_BEGINS_LATE, Code.FILES_IMU_ENDS_EARLY, Code.FILES_GPS_BEGINS_LATE),
@@ -50,7 +49,6 @@ WORST_FIRST: Final = (
 )
 BEGIN = 300.0  # navigated part of a drive [s]
 ATTEMPTS = 6  # with inputs that a refusal requests
-_ALONE = "give the IMU file too"
 STANDING = 0.3  # GPS speed of a stationary vehicle [m/s]
 WORTH = {"delay": 0.05, "lever": 0.2}  # smallest reported values [s], [m]
 STEP = 0.004 * G0  # of the specific force between stops [m/s^2]

@@ -363,14 +363,10 @@ class Drive:
         ready, run, notes = done.ready, done.evaluated, done.findings
         reference = None if self.reference is None else partial(self._antenna_positions, self.reference)
         announce("simulating outages")
+        ready = replace(ready, gps=without_rejected(ready.gps, run.run, ready.settings))
+        left = share_of(progress, share, 1.0 - share)
         windows = outages(
-            replace(ready, gps=without_rejected(ready.gps, run.run, ready.settings)),
-            lengths=lengths,
-            first=first,
-            spacing=spacing,
-            reference=reference,
-            workers=workers,
-            progress=share_of(progress, share, 1.0 - share),
+            ready, lengths=lengths, first=first, spacing=spacing, reference=reference, workers=workers, progress=left
         )
         found = OutageStudy(tuple(windows), tuple(outage_growth(windows)), self._compared_with(), run)
         notes = (*(finding for each in found.growth for finding in common_error(each)), *notes)
@@ -420,13 +416,11 @@ class Drive:
         done = self.until("noise")
         ready, spec = done.ready, done.model.filter_imu
         reference = None if self.gps is None or self.reference is None else self._window_reference(self.reference)
-        chosen = replace(
-            windows or WindowSettings(replicas=20, workers=2), length=float(max(settings.times)), seed=settings.seed
-        )
+        chosen = windows or WindowSettings(replicas=20, workers=2)
+        chosen = replace(chosen, length=float(max(settings.times)), seed=settings.seed)
         announce("simulating outages")
         recorded = recorded_budget(ready, spec, reference, chosen, progress)
-        given = self.recording.inputs.get("imu_model") is not None
-        assumed = () if given else (self.imu_chosen,)
+        assumed = () if self.recording.inputs.get("imu_model") is not None else (self.imu_chosen,)
         recorded = replace(recorded, notes=(*self.notes, *assumed, *recorded.notes))
         found = budget_of_windows(recorded, settings, progress)
         return done.result("budget", found, asdict(settings), (*recorded.notes, *self._events()))

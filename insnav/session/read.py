@@ -298,13 +298,11 @@ def named_columns(headers: tuple[str, ...], numbers: FloatArray) -> Table:
 
 def _sound(data: ImuData | GpsData | Trajectory) -> None:
     """Reject arrays of wrong shape or unit, NaN values and meaningless strings."""
-    n = len(data.time)
+    n, kind = len(data.time), type(data).__name__
     for name in ("gyro", "accel") if isinstance(data, ImuData) else ("lla", "v_n"):
         shape = np.shape(getattr(data, name))
         if shape != (n, 3):
-            raise ConfigError(
-                "session.bad_shape", where=type(data).__name__, name=name, shape=str(shape), wanted=str((n, 3))
-            )
+            raise ConfigError("session.bad_shape", where=kind, name=name, shape=str(shape), wanted=str((n, 3)))
     if isinstance(data, ImuData):
         one_of("sampling", data.sampling, get_args(Sampling))
         one_of("stamp", data.stamp, get_args(Stamp))
@@ -312,7 +310,7 @@ def _sound(data: ImuData | GpsData | Trajectory) -> None:
     else:
         known = bool(np.isfinite(data.lla).all()) and float(np.max(np.abs(data.lla[:, 0]), initial=0.0)) <= np.pi / 2
     if not known:
-        raise ConfigError("session.impossible_numbers", where=type(data).__name__)
+        raise ConfigError("session.impossible_numbers", where=kind)
     if isinstance(data, GpsData):
         for name in ("position_sd", "velocity_sd"):
             if np.any(getattr(data, name) <= 0.0):

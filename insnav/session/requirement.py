@@ -203,13 +203,5 @@ def with_parts(
     at_end, through = studies.aided_covariances(moved, [spec])
     last = min(max(round(required.after), 1), moved.length)
     shares = studies.start_shares(moved, at_end[:, 0], through[:, 0], required.axes, last)
-    return replace(
-        study,
-        begins=moved.begins,
-        time=moved.after,
-        candidates=listed,
-        example=spec.name,
-        remedies=helps,
-        elasticities=elasticities,
-        shares=shares,
-    )
+    study = replace(study, begins=moved.begins, time=moved.after, candidates=listed, example=spec.name)
+    return replace(study, remedies=helps, elasticities=elasticities, shares=shares)

@@ -15,7 +15,7 @@ from insnav.filter.gps_noise import (
     DEFAULT_VELOCITY,
     FLOAT,
     FLOAT_SD,
-    OPEN_HEIGHT,
+    OPEN_SD,
     velocity_lag,
     with_sd,
 )
@@ -154,7 +154,7 @@ def test_standard_deviations_that_are_given_are_kept_beside_those_that_are_not()
     sd = np.tile([0.01, 0.02, np.nan], (len(gps.time), 1))
     level = replace(gps, position_sd=sd, lla=gps.lla * [1.0, 1.0, 0.0])
     filled, notes = with_sd(level)
-    assert (filled.position_sd == [0.01, 0.02, OPEN_HEIGHT]).all()
+    assert (filled.position_sd == [0.01, 0.02, OPEN_SD]).all()
     assert not any(of_code(notes, *ASSUMED_POSITION_SD))
     filled, notes = with_sd(replace(gps, position_sd=100.0 * sd))
     assert (filled.position_sd[:, :2] == [1.0, 2.0]).all()
@@ -170,7 +170,7 @@ def test_heights_that_are_not_measured_make_no_position_poor_or_precise():
         with_sd(replace(gps, position_sd=unknown, lla=lla)) for lla in (level, gps.lla)
     )
     assert filled.position_sd[:, :2] == pytest.approx(with_heights.position_sd[:, :2], rel=1e-3)
-    assert (filled.position_sd[:, 2] == OPEN_HEIGHT).all()
+    assert (filled.position_sd[:, 2] == OPEN_SD).all()
     assert any(of_code(notes, Code.GPS_POSITION_SD_SCATTER))
     sd, kinds = np.tile([0.01, 0.01, np.nan], (len(gps.time), 1)), np.full(len(gps.time), FLOAT)
     floats, notes = with_sd(replace(gps, position_sd=sd, lla=level, fix=kinds), scatter_alone=False)

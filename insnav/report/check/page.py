@@ -17,9 +17,10 @@ from insnav.report.panels import Clock, Curve, Panel, bars
 from insnav.report.style import BLUE, VERMILLION
 from insnav.report.terminal import hanging, page_text
 from insnav.result import Result
-from insnav.session.check import TO_MEND, Checked
+from insnav.session.check import Checked
 from insnav.steps.one_clock import SIGMAS
 
+_TO_MEND = 3  # problems shown at the end of the text
 _UNITS = {"gyro": ("deg/s", "deg/sqrt(h)"), "accel": ("m/s^2", "m/s/sqrt(h)")}
 _BODY = "x, y, z: forward, right, down"
 
@@ -81,7 +82,7 @@ def _run_line(found: Checked, before: str) -> str:
 def text(result: Result[Checked], width: int | None = None) -> str:
     """Write the report for the terminal, with problems and command last."""
     laid_out, at = page(result), _from_start(result)
-    left = _to_mend(result.found)[:TO_MEND]
+    left = _to_mend(result.found)[:_TO_MEND]
     mend = [f"{translated(f'mend {i}')}: {sentence(each, at=at)}" for i, each in enumerate(left, 1)]
     mend = mend or [translated("nothing to mend was found")]
     understood = [
