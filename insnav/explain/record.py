@@ -37,10 +37,9 @@ WEIGHTED = np.array([3.0, 3.0, NAV])  # number of values with a common weight: p
 LEAST = (TAILS + WEIGHTED) / (TAILS + 0.6 * WEIGHTED)  # largest weight, for values with squares of 0.6 each [-]
 # Prior sd of the logarithms of the noise figures, upwards and downwards. Factors: sd of positions, sd of velocities,
 # noise of the IMU. Then the odds of the time-correlated share of the position variance, and its correlation time.
-# Innovations cannot show that fixes are better than stated, as lasting errors are invisible in them. Receivers may
-# state a tenth of their errors, and vibration may make an IMU far noisier than its specification. With `FAR`, these
-# factors are at most 20.
-FIGURES = (1.5, 0.03), (1.5, 0.03), (1.5, 0.8), (1.5, 1.5), (1.0, 1.0)
+# Innovations cannot show that fixes are better than stated, as lasting errors are invisible in them. With `FAR`, a
+# factor of 100 is possible, as of centimetres taken for metres. For the IMU it is 20: vibration adds much noise.
+FIGURES = (2.3, 0.03), (2.3, 0.03), (1.5, 0.8), (1.5, 1.5), (1.0, 1.0)
 FAR = 2.0  # largest deviation of a noise figure, in sd of its prior: beyond, the model is wrong [-]
 POSITION, VELOCITY, IMU, SHARE, TIME_OF_SHARE = range(5)
 # states cleared at the end of a fault; other kinds end by a step back, and positions stay displaced after a drag

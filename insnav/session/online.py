@@ -15,7 +15,7 @@ from insnav.alignment.in_motion import first_motion, velocity
 from insnav.attitude import rph_from_quat
 from insnav.exceptions import AlignmentError, ConfigError, InputError
 from insnav.filter.error_model import Part
-from insnav.filter.gps_noise import DEFAULT_POSITION, DEFAULT_VELOCITY, MOST, CorrelatedNoise, with_sd
+from insnav.filter.gps_noise import DEFAULT_POSITION, DEFAULT_VELOCITY, LARGEST_SHARE, CorrelatedNoise, with_sd
 from insnav.filter.navigator import COAST, Navigator
 from insnav.filter.prepare import AFTER, DELAY_SD, LONGEST_GAP, SHORTEST, GivenStart, Start, prepare, spans
 from insnav.filter.run_recorder import ROOM, Record
@@ -142,7 +142,7 @@ class OnlineFilter:
     ) -> None:
         for name in inputs:
             one_of("OnlineFilter", name, INPUTS)
-        for value, high, unit in zip(correlated or (), (MOST, np.inf), ("", "s"), strict=bool(correlated)):
+        for value, high, unit in zip(correlated or (), (LARGEST_SHARE, np.inf), ("", "s"), strict=bool(correlated)):
             if not 0.0 < value <= high:
                 raise ConfigError("input.out_of_range", where="correlated", value=value, low=0, high=high, unit=unit)
         inputs = checked(inputs)

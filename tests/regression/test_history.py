@@ -85,7 +85,7 @@ def test_without_other_programs_their_table_stays_with_its_version(result: Accur
 
 def test_fifty_versions_can_be_read(result: Accuracy, baseline: Baseline):
     history = versions(result, baseline, 50)
-    panels = history_panels(history, baseline, BY_KEY["heading_rms_deg"])
+    panels = tuple(history_panels(history, baseline, BY_KEY["heading_rms_deg"]))
     with drawing():
         figure = draw_drawings(panels, "heading", columns=COLUMNS)
         figure.canvas.draw()
