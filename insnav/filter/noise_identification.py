@@ -32,12 +32,13 @@ from insnav.types import FloatArray, GpsData
 from insnav.units import G0
 
 FEWEST = 30  # fixes needed: fewer add little to the prior
-SHORT = 600.0  # length of the record that chooses the start [s]
+SHORT = 600.0  # length of the record for the first steps, which end near the solution [s]
 ROUNDS = 12  # of Fisher scoring at most
 STEP = 0.01  # of numerical derivatives, in logarithms
 DIGITS = 6  # decimals of these logarithms: far coarser than the rounding of sums
 LARGEST_STEP = 1.5  # per iteration, in logarithms
-ENOUGH = 0.1  # smaller gains of the log-likelihood end the search: a 95 % interval spans two
+ENOUGH = 0.6  # smaller gains of the log-likelihood end the search: a 95 % interval spans two
+NEAR = 3.0  # smaller gains end the first steps
 FAR = 5.0  # after a larger gain the derivatives serve another step
 OBSERVABLE = 0.8  # largest ratio of a parameter's interval to the prior interval, if observable
 INTERVAL = np.array([-1.96, 1.96])  # ends of 95 % of a normal distribution, in its sd
@@ -117,7 +118,7 @@ class Posterior:
         off = np.where(np.isfinite(at), at - self.middle, 0.0)
         return 0.5 * float(np.sum(self.weight(at) * off**2)) + sum(drive.bias_seen(at) for drive in self.drives)
 
-    def climb(self, at: FloatArray) -> tuple[FloatArray, FloatArray, _Seen]:
+    def climb(self, at: FloatArray, settled: float = ENOUGH) -> tuple[FloatArray, FloatArray, _Seen]:
         """Find the maximum of the posterior density, with covariance and innovations: damped Fisher scoring.
 
         The last step replaces the curvature along it by the observed change of slope. On a ridge, as with
@@ -153,7 +154,7 @@ class Posterior:
                     damping = 10.0 * max(damping, 1e-3)
                 else:
                     break
-            if start - cost < ENOUGH:
+            if start - cost < settled:
                 break
         fisher += np.diag(self.weight(at + KINK * self._sd[1]) - weight)
         return at, np.linalg.inv(fisher).astype(np.float64), (e, s, cost)
@@ -179,7 +180,7 @@ def _begun(posterior: Posterior) -> FloatArray:
         for each in STARTS
     ]
     short = Posterior([drive.beginning(SHORT) for drive in posterior.drives])
-    return min(starts, key=lambda at: short.innovations(at)[2])
+    return short.climb(min(starts, key=lambda at: short.innovations(at)[2]), NEAR)[0]
 
 
 def maximise(drives: Sequence[InnovationLikelihood]) -> DriveNoise:
@@ -457,7 +458,7 @@ def with_known_noise(ready: Prepared, spec: ImuSpec, *, lasting: bool, sizes: bo
         return replace(ready, faults=(*ready.faults, *_too_small(ready, *drive.normalised(at)[:2])))
     posterior = Posterior([drive.of_positions(sizes=sizes)])
     starts = [np.concatenate([posterior.middle[:-2], each]) for each in STARTS]
-    top, covariance, (e, s, _) = posterior.climb(min(starts, key=lambda each: posterior.innovations(each)[2]))
+    top, covariance, (e, s, _) = posterior.climb(min(starts, key=lambda each: posterior.innovations(each)[2]), NEAR)
     faults = _too_small(ready, e, s)
     if faults:  # time-correlated errors would absorb other noise
         return replace(ready, faults=(*ready.faults, *faults))

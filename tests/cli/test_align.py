@@ -81,7 +81,7 @@ def test_a_given_heading_is_taken_over(at_rest: Path, cli: Cli):
         (("--lat", "91"), 2, "input.out_of_range"),
         (("--lat", "nan"), 2, "input.out_of_range"),
         (("--lat", "48", "--height", "inf"), 2, "--height"),
-        (("--lat", "48", "--static", "9000:9100", "--imu", "tactical"), 3, "align.static_outside"),
+        (("--lat", "48", "--static", "9000:9100", "--imu", "tactical"), 3, "imu.static_outside"),
         (("--lat", "48", "--out", "static.csv/such"), 4, "output.folder_unwritable"),
     ],
 )

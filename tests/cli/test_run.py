@@ -239,7 +239,7 @@ def test_what_heights_are_is_passed_on(drive: Path, cli: Cli, options: tuple[str
     assert how.code is code
     assert not how.get("column")  # it is given, or assumed
     assert (how.get("option") == "--gps-height") == bool(options)
-    assert (how.severity is Severity.ASSUMPTION) == (not options)
+    assert (how.severity is Severity.ASSUMPTION) == (kind == "msl" or not options)  # heights stay as they are
     assert says(shown.err, how)
 
 

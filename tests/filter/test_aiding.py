@@ -17,7 +17,7 @@ from insnav.filter.measurements import measurements_from_drive
 from insnav.filter.measurements.measurement import FirstPass, Measurement
 from insnav.filter.measurements.sensors import NonHolonomic, ZeroVelocity, find_stops
 from insnav.filter.navigate import aided, feed, navigate_recording
-from insnav.filter.prepare import DELAY_SD, Prepared, Start
+from insnav.filter.prepare import DELAY_SD, GivenStart, Prepared, Start
 from insnav.findings import CONTRADICTIONS, Code, of_code
 from insnav.kernels import measurements as kernel
 from insnav.kernels.errorstate import STATES
@@ -435,9 +435,8 @@ def test_velocities_that_lag_are_expected_where_they_were():
     fixes = drives.noisy_gps(shifted, rng)
     at = reference(motion, np.array([motion.start]))
     begin = Start(motion.start, at.lla[0], at.v_n[0], at.rph[0], np.ones(3), 0.1 * np.ones(3), 0.5 * DEG * np.ones(3))
-    done = navigate_recording(
-        imu, fixes, drives.SPEC, FilterSettings(lever_b=drives.LEVER_B), start=begin, aiding="off"
-    )
+    settings, known = FilterSettings(lever_b=drives.LEVER_B), GivenStart(begin)
+    done = navigate_recording(imu, fixes, drives.SPEC, settings, known=known, aiding="off")
     print(done.notes)
     (lag,) = of_code(done.notes, Code.GPS_VELOCITY_LAG)
     assert lag["lag_s"] == pytest.approx(0.195, abs=0.005)

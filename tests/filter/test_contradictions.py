@@ -21,6 +21,6 @@ def test_contradictions_are_warnings_and_repeated_fixes_are_none():
     given = of_families("given", "noise")  # what the user or the receiver gave is wrong
     assert OF_THE_IMU | given < CONTRADICTIONS
     assert not CONTRADICTIONS & NOT_MEASURED
-    assert len(given) == 11
-    assert len(CONTRADICTIONS) == 23
+    assert len(given) == 12
+    assert len(CONTRADICTIONS) == 24
     assert all(code.severity is Severity.WARNING for code in CONTRADICTIONS | NOT_MEASURED)

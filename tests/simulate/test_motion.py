@@ -68,13 +68,14 @@ segment = [ { kind = "cruise" }, { kind = "turn", angle = "0 deg", rate = "3 deg
 """,
     )
     assert found == [
+        "start.hight: config.unknown_key",
         "vehicle: config.no_choice",
         "start.lat: sim.no_latitude",
         "start.lon: unit.missing",
-        "start.hight: config.unknown_key",
         "segment 1: sim.unknown_kind",
         "segment 2 (accelerate): to: config.negative",
         "segment 3 (turn): rat: config.unknown_key",
+        "segment 3 (turn): config.not_one_key",
         "segment 4 (repeat): count: config.out_of_range",
         "segment 4 (repeat), segment 1 (cruise): config.not_one_key",
         "segment 4 (repeat), segment 2 (turn): sim.no_angle",
