@@ -42,9 +42,10 @@ drives = {
 figure, axes = plt.subplots(2, 1, figsize=(8, 7), sharex=True, layout="constrained")
 for axis, (name, (samples, fixes)) in zip(axes, drives.items(), strict=True):
     settings = FilterSettings(delay_sd=DELAY_SD)
-    record = LinearRecord.of(prepare(samples, fixes, load_imu("automotive"), settings))[0]
+    record = next(LinearRecord.of(prepare(samples, fixes, load_imu("automotive"), settings)))
     found = search(record, KINDS)
-    seen, time = found.plain.seen, record.time - imu.time[0]
+    plain = search(record, ()).best  # without a fault
+    seen, time = plain.seen, record.time - imu.time[0]
     for kind in (each for each in KINDS if each.name in SHOWN):
         axis.plot(time, score_kind(record, seen, kind).gain, lw=1.2, label=kind.name.replace("_", " "))
     axis.axhline(ACCEPT, color="0.6", lw=0.8)
@@ -52,7 +53,7 @@ for axis, (name, (samples, fixes)) in zip(axes, drives.items(), strict=True):
         columns, begin = record.columns(step.kind), step.begin
         size = np.linalg.norm(step.variance * found.best.seen.score[begin] @ columns)
         ends = f", ends at {time[step.end]:.0f} s" if step.end else ""
-        gain = found.plain.cost - found.best.cost
+        gain = plain.cost - found.best.cost
         print(f"{name}: {step.kind.name} at {time[begin]:.0f} s{ends}, size {size:.4g}, gain {gain:.0f}")
         for row in (step.begin, step.end):
             if row:
