@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
-from itertools import chain, zip_longest
+from itertools import chain, repeat
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -149,7 +149,7 @@ def explain_faults(ready: Prepared, kinds: Sequence[Kind]) -> tuple[Prepared, Ex
         if np.count_nonzero(first.known.any(axis=1)) < FEWEST:
             break
         before, parts = parts, []
-        for record, known in zip_longest(chain([first], records), before):
+        for record, known in zip(chain([first], records), chain(before, repeat(None)), strict=False):
             if known is not None and known.search.complete and not of_imu(known.faults):
                 parts.append(known)
                 continue
