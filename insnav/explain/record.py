@@ -109,7 +109,7 @@ class Noise:
 
 def usual_correlated(position_sd: FloatArray) -> CorrelatedNoise:
     """Return typical time-correlated errors of a receiver, for position standard deviations (n, 3) [m]."""
-    return CorrelatedNoise(Noise().share, FADES, np.sqrt(Noise().share) * np.median(position_sd, axis=0))
+    return CorrelatedNoise.of_fixes(Noise().share, FADES, position_sd)
 
 
 @dataclass(frozen=True, slots=True)

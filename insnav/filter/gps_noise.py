@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
+from typing import Self
 
 import numpy as np
 
@@ -298,6 +299,11 @@ class CorrelatedNoise:
     velocity_sd: FloatArray | None = None  # (3,) sd of the time-correlated velocity error [m/s]; None without
     velocity_time: float = np.inf  # its correlation time [s]
 
+    @classmethod
+    def of_fixes(cls, share: float, time: float, position_sd: FloatArray, *, by_reported: bool = False) -> Self:
+        """Build the part of fixes with standard deviations (n, 3) [m], from its share [-] and time [s]."""
+        return cls(share, time, np.sqrt(share) * np.median(position_sd, axis=0), by_reported)
+
     @property
     def sds(self) -> FloatArray:
         """Standard deviations of the states, (3,) or (6,) [m, m/s]."""
@@ -395,7 +401,7 @@ def correlated_noise(gps: GpsData, lag: float, *, reported: bool = True) -> Corr
     else:
         share = correlated / total
     share = min(float(share), LARGEST_SHARE)
-    return CorrelatedNoise(share, time, np.sqrt(share) * np.median(sd, axis=0), by_reported)
+    return CorrelatedNoise.of_fixes(share, time, sd, by_reported=by_reported)
 
 
 def _fit(x: FloatArray, y: FloatArray, scale: FloatArray, time: float) -> tuple[float, float, FloatArray]:

@@ -313,9 +313,7 @@ class OnlineFilter:
             return held
         settings = self._settings
         if self._correlated is not None:
-            share, lasting = self._correlated
-            sd = np.sqrt(share) * np.median(gps.position_sd, axis=0)
-            settings = replace(settings, correlated=CorrelatedNoise(share, lasting, sd))
+            settings = replace(settings, correlated=CorrelatedNoise.of_fixes(*self._correlated, gps.position_sd))
         try:
             ready = prepare(
                 *(held, gps, self._spec, settings),
