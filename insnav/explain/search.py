@@ -311,14 +311,11 @@ def forms_of(steps: Sequence[Step]) -> list[tuple[str, bool]]:
 
 def same(some: Sequence[Step], others: Sequence[Step]) -> bool:
     """Test whether faults have the same kinds and sizes in two records."""
-    return (
-        len(some) == len(others)
-        and forms_of(some) == forms_of(others)
-        and all(
-            abs(np.sqrt(one.variance / two.variance) - 1.0) <= SAME
-            for one, two in zip(some, others, strict=True)
-            if two.variance
-        )
+    alike = len(some) == len(others) and forms_of(some) == forms_of(others)
+    return alike and all(
+        abs(np.sqrt(one.variance / two.variance) - 1.0) <= SAME
+        for one, two in zip(some, others, strict=True)
+        if two.variance
     )
 
 

@@ -23,7 +23,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, field, fields, replace
 from functools import partial
-from typing import Any
 
 import numpy as np
 
@@ -60,9 +59,8 @@ class RawScale:
         if np.shape(self.zero) != (3,) or np.shape(self.scale) != (3,):
             raise ConfigError("imu.raw_shape", where="raw.zero, raw.scale")
         if not (np.isfinite(self.zero).all() and np.isfinite(self.scale).all() and (self.scale != 0.0).all()):
-            values: dict[str, Any] = {"zero": str(np.asarray(self.zero).tolist())}
-            values |= {"scale": str(np.asarray(self.scale).tolist())}
-            raise ConfigError("imu.raw_unusable", where="raw.zero, raw.scale", **values)
+            zero, scale = (str(np.asarray(each).tolist()) for each in (self.zero, self.scale))
+            raise ConfigError("imu.raw_unusable", where="raw.zero, raw.scale", zero=zero, scale=scale)
 
     def value(self, output: FloatArray, axis: int, unit: str | None = None) -> FloatArray:
         """Convert outputs of one sensor to rate [rad/s] or specific force [m/s^2].
@@ -251,9 +249,8 @@ class ImuErrors:
             ("accel", self.accel_bias, self.accel_matrix),
         ):
             if np.shape(bias) != (3,) or np.shape(matrix) != (3, 3):
-                values: dict[str, Any] = {"sensor": sensor, "bias": str(np.shape(bias))}
-                values |= {"matrix": str(np.shape(matrix))}
-                raise ConfigError("imu.calibration_shape", where=f"{sensor}.bias, {sensor}.matrix", **values)
+                where, shapes = f"{sensor}.bias, {sensor}.matrix", (str(np.shape(bias)), str(np.shape(matrix)))
+                raise ConfigError("imu.calibration_shape", where=where, sensor=sensor, bias=shapes[0], matrix=shapes[1])
             if not (np.isfinite(bias).all() and np.isfinite(matrix).all()):
                 raise ConfigError("imu.calibration_not_finite", where=sensor, sensor=sensor)
             near = float(np.abs(matrix - np.eye(3)).sum()) < 0.5  # to the identity: its condition number is below 3

@@ -11,7 +11,6 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 from statistics import NormalDist
-from typing import Any
 
 import numpy as np
 
@@ -66,14 +65,15 @@ def white_noise(
     interval = float(np.median(np.diff(imu.time[rows][: spill.ROWS]))) if count > 1 else math.inf
     segment, lowest, highest = band
     length, highest = round(segment / interval), min(highest, NYQUIST_PART * 0.5 / interval)
-    first, last = float(imu.time[0]), float(imu.time[-1])
+    first, last, span = float(imu.time[0]), float(imu.time[-1]), f"{start:.3f} s to {end:.3f} s"
     if start > last or start <= end < first:
-        values: dict[str, Any] = {"first_s": first, "last_s": last, "example": f"{first:.0f}:{first + end - start:.0f}"}
-        raise InputError("imu.static_outside", where=f"{start:.3f} s to {end:.3f} s", **values)
+        example = f"{first:.0f}:{first + end - start:.0f}"
+        raise InputError("imu.static_outside", where=span, first_s=first, last_s=last, example=example)
     if length > count or highest < 2.0 * lowest:
-        values = {"count": count, "first_s": first, "last_s": last, "needed_s": segment}
-        values |= {"needed_hz": 4.0 * lowest / NYQUIST_PART}
-        raise InputError("imu.static_too_short", where=f"{start:.3f} s to {end:.3f} s", **values)
+        hz = 4.0 * lowest / NYQUIST_PART
+        raise InputError(
+            "imu.static_too_short", where=span, count=count, first_s=first, last_s=last, needed_s=segment, needed_hz=hz
+        )
     density = np.sqrt(_floor(imu, rows, interval, length, (lowest, highest)))
     gyro, accel = resolution_noise(imu)
     return np.maximum(density[:3], gyro), np.maximum(density[3:], accel)

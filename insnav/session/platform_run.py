@@ -166,7 +166,6 @@ def _assumptions(study: PlatformStudy) -> Iterator[Finding]:
 def _heights(given: Heights, time: FloatArray) -> FloatArray:
     """Interpolate the height at the times of the samples."""
     if not (given.time[0] <= time[0] and time[-1] <= given.time[-1]):
-        values: dict[str, Any] = {"heights_s": (float(given.time[0]), float(given.time[-1]))}
-        values |= {"samples_s": (float(time[0]), float(time[-1]))}
-        raise InputError("platform.heights_do_not_cover", where="--height-input", **values)
+        heights, samples = (tuple(each[[0, -1]].tolist()) for each in (given.time, time))
+        raise InputError("platform.heights_do_not_cover", where="--height-input", heights_s=heights, samples_s=samples)
     return np.interp(time, given.time, given.height)

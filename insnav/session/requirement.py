@@ -140,11 +140,10 @@ def outage_begin(motion: Moving, after: float, begin: float | None) -> float:
 
     Raises: ConfigError: the motion is too short.
     """
-    longest = motion.truth.duration - after
+    duration, longest = motion.truth.duration, motion.truth.duration - after
     if longest < 0.0 or (begin is not None and not 0.0 <= begin <= longest + 1e-6):
-        values: dict[str, Any] = {"after_s": after, "begin_s": np.nan if begin is None else begin}
-        values |= {"duration_s": motion.truth.duration}
-        raise ConfigError("require.motion_too_short", where="--after" if begin is None else "--begin", **values)
+        where, begin_s = ("--after", np.nan) if begin is None else ("--begin", begin)
+        raise ConfigError("require.motion_too_short", where=where, after_s=after, begin_s=begin_s, duration_s=duration)
     return begin if begin is not None else min(max(BEFORE, first_movement(motion.truth)), longest)
 
 

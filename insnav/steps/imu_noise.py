@@ -46,11 +46,8 @@ def raise_given(spec: ImuSpec, imu: ImuData, rest: tuple[float, float]) -> tuple
     biased = excess > UNLIKE * np.hypot(spec.gyro.bias, rounded).max()
     if noise <= (1.0 + UNLIKE * DENSITY_SD) * given and not biased:
         return spec, ()
-    values: dict[str, Any] = {
-        "noise_rad_sqrt_s": noise,
-        "given_rad_sqrt_s": given,
-        **({"bias_rad_s": excess} if biased else {}),
-    }
+    values: dict[str, Any] = {"noise_rad_sqrt_s": noise, "given_rad_sqrt_s": given}
+    values |= {"bias_rad_s": excess} if biased else {}
     return raise_to_rest(spec, gyro, accel, excess, rounded), (Finding.of(Code.GIVEN_IMU_MODEL, *rest, **values),)
 
 

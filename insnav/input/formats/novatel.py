@@ -266,9 +266,10 @@ def _samples(source: Source, log: Any, name: str, notes: list[Finding]) -> dict[
         turned = turn_ratio(time, counts[:, :3], counts[:, 3:])[0] * step if found else 0.0
         found = [each for each in found if not turned or 1.0 < MAX_TURN_RATIO * turned / each[1] < MAX_TURN_RATIO**2]
     if not found or len(types) > 1:
-        shown: dict[str, Any] = {"message": name, "types": tuple(types), "counts_per_s": float(per_second)}
-        shown |= {"known": tuple(f"{key} {each[0]}" for key, each in _SCALES.items())}
-        raise InputError("format.novatel_scale", where=source.name, **shown)
+        rate, known = float(per_second), tuple(f"{key} {each[0]}" for key, each in _SCALES.items())
+        raise InputError(
+            "format.novatel_scale", where=source.name, message=name, types=tuple(types), counts_per_s=rate, known=known
+        )
     tables = {}
     for angle, speed in dict.fromkeys(each[1:] for each in found):
         models = ", ".join(each[0] for each in found if each[1:] == (angle, speed))

@@ -112,11 +112,15 @@ def choose_table(tables: Mapping[str, Table], part: str, topics: Collection[str]
     found = tuple(sorted({key.partition(":")[0] for key in tables}))
     format_name = next((table.format for table in tables.values()), "")
     if part == "imu":
-        shown: dict[str, Any] = {"format": format_name, "found": found}
-        shown |= {"unusable": next((table.unusable for table in tables.values() if table.unusable), ())}
-        raise InputError("format.fixes_for_samples" if "gps" in tables else "format.no_samples", where=where, **shown)
+        raise InputError(
+            "format.fixes_for_samples" if "gps" in tables else "format.no_samples",
+            where=where,
+            format=format_name,
+            found=found,
+            unusable=next((table.unusable for table in tables.values() if table.unusable), ()),
+        )
     is_reference = part == "gps" and "reference" in tables
-    shown = {"part": part, "format": format_name, "found": found}
+    shown: dict[str, Any] = {"part": part, "format": format_name, "found": found}
     raise InputError("format.reference_for_fixes" if is_reference else "format.lacks_part", where=where, **shown)
 
 
@@ -133,6 +137,11 @@ def _folder(folder: Source) -> InputError:
         return InputError("format.empty_archive", where=folder.name)
     if "run.json" in folder.members:
         return InputError("format.result_folder", where=folder.name, folder=folder.name)
-    values: dict[str, Any] = {"kind": "folder" if folder.path else "archive", "count": len(folder.members)}
-    values |= {"shown": shown, "folder": folder.name}
-    return InputError("format.folder_of_data" if names else "format.folder_without_data", where=folder.name, **values)
+    return InputError(
+        "format.folder_of_data" if names else "format.folder_without_data",
+        where=folder.name,
+        kind="folder" if folder.path else "archive",
+        count=len(folder.members),
+        shown=shown,
+        folder=folder.name,
+    )

@@ -21,7 +21,6 @@ import itertools
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 from scipy.optimize import least_squares
@@ -311,9 +310,8 @@ def fit_turns(turns: Turns, bias: FloatArray, start: FloatArray, up: FloatArray,
     done = least_squares(misfit, np.zeros(PARAMETERS), jac=slope, method="lm", xtol=1e-10, ftol=1e-10)
     determined = normal(done.jac)
     if not determined.condition < WORST_CONDITION:
-        values: dict[str, Any] = {"parameters": tuple(NAMES[i] for i in determined.weak)}
-        values |= {"condition": determined.condition, "limit": WORST_CONDITION}
-        raise InputError("lab.turns_undetermined", **values)
+        weak, condition = tuple(NAMES[i] for i in determined.weak), determined.condition
+        raise InputError("lab.turns_undetermined", parameters=weak, condition=condition, limit=WORST_CONDITION)
     matrix = start @ (np.eye(3) + done.x.reshape(3, 3))
     sd = float(np.sqrt(2.0 * done.cost / (2 * count - PARAMETERS)))
     error = np.linalg.norm(residuals(rotations(turns, bias, matrix), up), axis=1)

@@ -13,7 +13,6 @@ from __future__ import annotations
 import itertools
 from dataclasses import dataclass, field
 from functools import partial
-from typing import Any
 
 import numpy as np
 from scipy.optimize import least_squares
@@ -223,9 +222,8 @@ def fit_gravity_norm(force: FloatArray, g: float, start: Triad) -> GravityFit:
 def _refuse_singular(determined: Normal, g: float) -> None:
     if determined.condition < WORST_CONDITION:
         return
-    values: dict[str, Any] = {"parameters": tuple(NAMES[i] for i in determined.weak), "condition": determined.condition}
-    values |= {"limit": WORST_CONDITION, "pose": missing_pose(determined, g)}
-    raise InputError("lab.poses_undetermined", **values)
+    weak, condition, pose = tuple(NAMES[i] for i in determined.weak), determined.condition, missing_pose(determined, g)
+    raise InputError("lab.poses_undetermined", parameters=weak, condition=condition, limit=WORST_CONDITION, pose=pose)
 
 
 def missing_pose(determined: Normal, g: float) -> tuple[str, ...]:

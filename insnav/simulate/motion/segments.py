@@ -301,9 +301,10 @@ class _Planned(Segment):
         if state.speed != 0.0:
             raise ConfigError("sim.not_from_rest", speed_m_s=state.speed)
         if acceleration > HIGHEST or self.speed > vehicle.speed or self.rate > FASTEST_SPIN:
-            values: dict[str, Any] = {"vehicle": vehicle.name, "limit_m_s2": HIGHEST, "limit_m_s": vehicle.speed}
-            values |= {"limit_rad_s": FASTEST_SPIN}
-            raise ConfigError("sim.too_fast_planned", **values)
+            name, fastest = vehicle.name, vehicle.speed
+            raise ConfigError(
+                "sim.too_fast_planned", vehicle=name, limit_m_s2=HIGHEST, limit_m_s=fastest, limit_rad_s=FASTEST_SPIN
+            )
         if turned.any() and state.table is None:
             raise ConfigError("sim.table_after_spin")
         if np.count_nonzero(turned) > 1 and turned.sum() >= math.pi:
