@@ -177,7 +177,7 @@ def test_right_columns_are_never_refused(profile, positions):
 
 @pytest.mark.parametrize("gyro", [EXCHANGED, FIRST, SECOND], ids=["x and y", "sign of x", "sign of y"])
 def test_a_motorway_does_not_tell_the_gyros_that_hardly_turn(gyro):
-    """Gravity stays where it is in the vehicle: nothing is said, and nothing wrong is named."""
+    """Gravity keeps its direction in the vehicle, so it shows no exchange: no error, and no wrong columns."""
     made = insnav.simulate("motorway", imu="industrial", gps="single", seed=1010)
     found = find_mounting(intervals(replace(made.imu.data, gyro=made.imu.data.gyro @ gyro.T)), made.gps.data)
     assert found is None or found.right_handed
