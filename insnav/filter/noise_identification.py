@@ -37,8 +37,8 @@ ROUNDS = 12  # of Fisher scoring at most
 STEP = 0.01  # of numerical derivatives, in logarithms
 DIGITS = 6  # decimals of these logarithms: far coarser than the rounding of sums
 LARGEST_STEP = 1.5  # per iteration, in logarithms
-ENOUGH = 0.6  # smaller gains of the log-likelihood end the search: a 95 % interval spans two
-NEAR = 3.0  # smaller gains end the first steps
+ENOUGH = 0.6  # smaller expected gains of the log-likelihood end the search: a 95 % interval spans two
+NEAR = 3.0  # smaller expected gains end the first steps
 FAR = 5.0  # after a larger gain the derivatives serve another step
 OBSERVABLE = 0.8  # largest ratio of a parameter's interval to the prior interval, if observable
 INTERVAL = np.array([-1.96, 1.96])  # ends of 95 % of a normal distribution, in its sd
@@ -78,6 +78,7 @@ class DriveNoise(NoiseEstimate):
     """Noise of drives, with the innovations of its estimate."""
 
     seen: tuple[InnovationLikelihood, FloatArray]  # of the first drive, and logarithms of the parameters
+    cost: float  # negative logarithm of the posterior density
 
 
 class Posterior:
@@ -123,41 +124,52 @@ class Posterior:
 
         The last step replaces the curvature along it by the observed change of slope. On a ridge, as with
         time-correlated errors, scoring alone oscillates and ends up to 80 nats too low. An iteration keeps the
-        derivatives of the innovations while steps with them gain enough.
+        derivatives of the innovations while steps with them gain enough. The search ends when a whole step is expected
+        to gain less than `settled`.
         """
-        e, s, cost = self.innovations(at)
+        seen = self.innovations(at)
         damping, steps, last, moved = 1e-3, STEP * np.eye(at.size), np.zeros(at.size), np.zeros(at.size)
         for _ in range(ROUNDS):
-            by_e, by_s, slope = np.empty((at.size, e.size)), np.empty((at.size, e.size)), np.empty(at.size)
-            for i, (e1, s1, cost1) in enumerate(self._side_by_side(at + steps)):
-                by_e[i], by_s[i], slope[i] = (e1 - e) / STEP, (s1 - s) / STEP / s, (cost1 - cost) / STEP
+            (e, s, start), by_e, by_s = seen, *np.empty((2, at.size, seen[0].size))
+            for i, (e1, s1, _) in enumerate(self._side_by_side(at + steps)):
+                by_e[i], by_s[i] = (e1 - e) / STEP, (s1 - s) / STEP / s
             clean = by_e / np.sqrt(s * np.maximum(np.abs(e) / np.sqrt(s) / likelihood.HUBER, 1.0))
             weight = self.weight(at)
             fisher = clean @ clean.T + 0.5 * by_s @ by_s.T + np.diag(weight)
+            slope = self._slope(at, seen, by_e, by_s)
             curvature, last, moved = _bent(fisher, moved, slope - last), slope, np.zeros(at.size)
-            start, gained = cost, np.inf
+            if 0.5 * slope @ np.linalg.solve(curvature, slope) < settled:
+                break
+            gained = np.inf
             while gained > FAR and damping < 1e4:
-                if start != cost:
-                    u, before = e / np.sqrt(s), self._before(at)
-                    pull = np.clip(u, -likelihood.HUBER, likelihood.HUBER)
-                    slope = by_e @ (pull / np.sqrt(s)) + 0.5 * by_s @ (likelihood.CLEAN - pull * u)
-                    slope += np.array([self._before(at + step) - before for step in steps]) / STEP
                 move = -np.linalg.solve(curvature + damping * np.diag(np.diag(curvature)), slope)
                 move *= min(1.0, LARGEST_STEP / float(np.max(np.abs(move))))
                 there = np.asarray(np.round(at + move, DIGITS), dtype=np.float64)
-                e1, s1, cost1 = self.innovations(there)
-                if cost1 < cost:
-                    gained = cost - cost1
-                    at, e, s, cost, moved = there, e1, s1, cost1, moved + move
-                    damping = max(1e-6, 0.1 * damping)
-                elif start == cost:
+                found = self.innovations(there)
+                if found[2] < seen[2]:
+                    gained, damping = seen[2] - found[2], max(1e-6, 0.1 * damping)
+                    at, seen, moved = there, found, moved + move
+                    slope = self._slope(at, seen, by_e, by_s)
+                elif start == seen[2]:
                     damping = 10.0 * max(damping, 1e-3)
                 else:
                     break
-            if start - cost < settled:
+            if start == seen[2]:
                 break
         fisher += np.diag(self.weight(at + KINK * self._sd[1]) - weight)
-        return at, np.linalg.inv(fisher).astype(np.float64), (e, s, cost)
+        return at, np.linalg.inv(fisher).astype(np.float64), seen
+
+    def _slope(self, at: FloatArray, seen: _Seen, by_e: FloatArray, by_s: FloatArray) -> FloatArray:
+        """Compute the slope of the cost from derivatives of the innovations and of the logarithms of their variances.
+
+        Differences of the cost itself would contain its curvature, which is large at the sharp maxima of precise fixes.
+        """
+        e, s, _ = seen
+        u, before = e / np.sqrt(s), self._before(at)
+        pull = np.clip(u, -likelihood.HUBER, likelihood.HUBER)
+        prior = [self._before(at + step) - before for step in STEP * np.eye(at.size)]
+        slope: FloatArray = by_e @ (pull / np.sqrt(s)) + 0.5 * by_s @ (likelihood.CLEAN - pull * u)
+        return slope + np.array(prior) / STEP
 
 
 def _bent(curvature: FloatArray, step: FloatArray, change: FloatArray) -> FloatArray:
@@ -222,6 +234,7 @@ def maximise(drives: Sequence[InnovationLikelihood]) -> DriveNoise:
         float(np.mean(e**2 / s)),
         far_off,
         (drive, top),
+        cost,
     )
 
 
@@ -303,10 +316,12 @@ def identify(drives: Sequence[InnovationLikelihood], kinds: Sequence[ImuSpec] = 
         kind = kind_of(found, kinds)
         if kind is found.seen[0].prior:
             break
-        try:
-            found = maximise([drive.of(kind) for drive in drives])
-        except DivergenceError:
-            break
+        with suppress(DivergenceError):
+            of_kind = maximise([drive.of(kind) for drive in drives])
+            if of_kind.cost < found.cost:
+                found = of_kind
+                continue
+        break
     return found
 
 

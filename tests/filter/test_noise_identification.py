@@ -13,9 +13,19 @@ from insnav.earth import lla_offset, ned_offset
 from insnav.filter import FilterSettings, error_model, noise_estimate
 from insnav.filter.gates import Gates
 from insnav.filter.gps_noise import CorrelatedNoise
-from insnav.filter.innovation_likelihood import LARGEST, InnovationLikelihood, thinned
+from insnav.filter.innovation_likelihood import LARGEST, SHARE, InnovationLikelihood, thinned
 from insnav.filter.noise_estimate import NoiseEstimate
-from insnav.filter.noise_identification import NO_NOISE, identify_noise, known_likelihood, maximise, with_noise
+from insnav.filter.noise_identification import (
+    ENOUGH,
+    NO_NOISE,
+    Posterior,
+    _begun,
+    identify,
+    identify_noise,
+    known_likelihood,
+    maximise,
+    with_noise,
+)
 from insnav.filter.prepare import Prepared
 from insnav.findings import Code, Severity, of_code
 from insnav.imu.specification import ImuSpec, SensorSpec, level_bias
@@ -240,6 +250,40 @@ def test_known_densities_are_found_within_their_intervals(found):
     assert seen >= {"gyro.bias_instability", "gyro.random_walk", "accel.scale_factor"}
     assert len(inside) > 10
     assert np.mean(inside) >= 0.85  # 95 % of them, by chance a few less
+
+
+def precise(laps: int) -> tuple[InnovationLikelihood, ImuData]:
+    """Fixes that drift by decimetres, with millimetres of scatter, whose stated sd is metres."""
+    imu, gps = recorded(2, GpsErrors((0.002, 0.002, 0.004), (0.5, 0.5, 1.0), 900.0, (0.05, 0.05, 0.05)), laps=laps)
+    gps = replace(gps, position_sd=np.full_like(gps.lla, 1.5))
+    return InnovationLikelihood(prepared(imu, gps, drives.SPEC, 2, laps=laps), drives.SPEC), imu
+
+
+def test_the_search_ends_where_the_cost_is_flat():
+    """Newton's expected gain by central differences, far smaller than those of the search, at a sharp maximum."""
+    posterior = Posterior([precise(laps=8)[0]])
+    top, _, seen = posterior.climb(_begun(posterior))
+    steps = 1e-4 * np.eye(top.size)
+    up, down = (np.array([posterior.innovations(top + sign * step)[2] for step in steps]) for sign in (1.0, -1.0))
+    slope, curvature = (up - down) / 2e-4, (up + down - 2.0 * seen[2]) / 1e-8
+    sharp = curvature > 1.0
+    assert curvature.max() > 2e3  # a difference of costs over a step of the search contains 10 of it
+    assert np.max(0.5 * slope[sharp] ** 2 / curvature[sharp]) < ENOUGH
+
+
+def test_the_prior_of_the_share_is_that_of_jeffreys():
+    share = np.random.default_rng(3).beta(0.5, 0.5, 1_000_000)
+    share = share[(share > 0.0) & (share < 1.0)]
+    assert np.std(np.log(share) - np.log1p(-share)) == pytest.approx(SHARE[1], rel=0.01)
+
+
+def test_another_kind_of_imu_is_not_kept_if_it_explains_less(monkeypatch):
+    imu, gps = recorded(1, laps=4)
+    drive = InnovationLikelihood(prepared(imu, gps, drives.SPEC, 1, laps=4), drives.SPEC)
+    sensors = (replace(each, random_walk=30.0 * each.random_walk) for each in (drives.SPEC.gyro, drives.SPEC.accel))
+    noisy = ImuSpec("far too noisy", *sensors)
+    monkeypatch.setattr("insnav.filter.noise_identification.kind_of", lambda found, kinds: kinds[0])
+    assert identify([drive], [noisy]).seen[0].prior is drives.SPEC
 
 
 def test_white_fixes_stay_white_and_keep_their_size(found):
