@@ -25,6 +25,7 @@ BoolArray = NDArray[np.bool_]
 
 Sampling = Literal["mean", "instant", "increment"]
 Stamp = Literal["start", "mid", "end"]
+Source = Literal["given", "data", "prior"]
 
 
 def _each(template: str, parts: str) -> tuple[str, ...]:
@@ -150,6 +151,11 @@ class GpsData(FromTable):
     heading: FloatArray | None = None
     satellites: FloatArray | None = None
     dop: FloatArray | None = None
+
+    @property
+    def valid(self) -> BoolArray:
+        """Return whether each fix is valid by its type, (n,)."""
+        return np.ones(self.time.size, dtype=np.bool_) if self.fix is None else np.asarray(self.fix != 0)
 
 
 @dataclass(frozen=True, slots=True)

@@ -17,8 +17,8 @@ from insnav.explain.kinds import KINDS, cost_of_end
 from insnav.explain.proposals import SIZES, gains_of, score_kind
 from insnav.explain.record import LinearRecord
 from insnav.explain.search import ACCEPT, search
-from insnav.filter.prepare import DELAY_SD, prepare
-from insnav.filter.settings import FilterSettings
+from insnav.filter.prepare import prepare
+from insnav.filter.receiver import DELAY_SD, Delay, Receiver
 from insnav.imu import load_imu
 
 SHOWN = "offset", "drag", "velocity_offset", "heading", "gyro_z"
@@ -41,8 +41,8 @@ drives = {
 
 figure, axes = plt.subplots(2, 1, figsize=(8, 7), sharex=True, layout="constrained")
 for axis, (name, (samples, fixes)) in zip(axes, drives.items(), strict=True):
-    settings = FilterSettings(delay_sd=DELAY_SD)
-    record = next(LinearRecord.of(prepare(samples, fixes, load_imu("automotive"), settings)))
+    receiver = Receiver(delay=Delay(sd=DELAY_SD))
+    record = next(LinearRecord.of(prepare(samples, fixes, load_imu("automotive"), receiver)))
     found = search(record, KINDS)
     plain = search(record, ()).best  # without a fault
     seen, time = plain.seen, record.time - imu.time[0]

@@ -15,9 +15,9 @@ from insnav.earth import ned_offset
 from insnav.errors.metrics import position_errors
 from insnav.exceptions import InputError
 from insnav.filter.error_model import error_model
+from insnav.filter.filter_input import Output
 from insnav.filter.navigate import navigate_recording
-from insnav.filter.prepare import DELAY_SD
-from insnav.filter.settings import FilterSettings
+from insnav.filter.receiver import DELAY_SD, Delay, LeverArm, Receiver
 from insnav.findings import Code
 from insnav.imu import ImuSpec
 from insnav.sample_statistics import chi_square
@@ -68,8 +68,8 @@ class NavigatedRecording:
             temperature=self.temperature,
             perfect=self.perfect,
         )
-        settings = FilterSettings(lever_b=np.asarray(self.gps_spec.lever_b), delay_sd=DELAY_SD, smooth=False)
-        run = navigate_recording(made.imu, made.gps, self.imu_spec, settings).run
+        receiver = Receiver(LeverArm(np.asarray(self.gps_spec.lever_b)), Delay(sd=DELAY_SD))
+        run = navigate_recording(made.imu, made.gps, self.imu_spec, receiver, output=Output(smooth=False)).run
         return reduced(run, self.truth, error_model(self.imu_spec, _STATES).axes_sd)
 
 

@@ -246,11 +246,11 @@ def evaluate_run(
     if reference is not None:
         good, notes = fixed_epochs(reference)
         best = (done.run.smoothed or done.run).solution
-        same = done.gps is not None and same_positions(done.gps, good)
+        same = same_positions(done.ready.gps, good)
         good = _held(good, best.time)
         if not same:
             point = done.run.lever_b if lever_b is None else lever_b
-            good, doubts = check_reference(good, best, done.gps, point, delay_shown(done.run), done.run.lever_sd)
+            good, doubts = check_reference(good, best, done.ready.gps, point, delay_shown(done.run), done.run.lever_sd)
             done = replace(done, run=replace(done.run, events=by_time((*doubts, *done.run.events))))
         errors = position_errors(done.run.solution, good, lever_b=lever_b)
         if done.run.smoothed is not None:
@@ -258,7 +258,7 @@ def evaluate_run(
         noisy = None if same else noisier_reference(done.run, smoothed_errors or errors)
         if noisy is not None:
             done = replace(done, run=replace(done.run, events=by_time((noisy, *done.run.events))))
-    return EvaluatedRun(done.run, done.gps, errors, smoothed_errors, reference_is_gps=same), notes
+    return EvaluatedRun(done.run, done.ready.gps, errors, smoothed_errors, reference_is_gps=same), notes
 
 
 def _held(reference: Trajectory, time: FloatArray) -> Trajectory:

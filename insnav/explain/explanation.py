@@ -21,8 +21,8 @@ from insnav.explain.proposals import MOVING, SIZES, gains_of, misfit_of
 from insnav.explain.record import CLEARED, NAMES, LinearRecord, Pass, Step, usual_correlated
 from insnav.explain.search import ACCEPT, FEWEST, SAME, Search, prior_of, search_part
 from insnav.filter.ambiguity import with_wider_sd
+from insnav.filter.filter_input import Explained, FilterInput
 from insnav.filter.gps_noise import Rough
-from insnav.filter.prepare import Prepared
 from insnav.findings import Code, Finding
 from insnav.types import BoolArray, FloatArray, GpsData, Run, StateChange, Trajectory
 
@@ -137,7 +137,7 @@ class Explanation:
         return with_wider_sd(run, wider)
 
 
-def explain_faults(ready: Prepared, kinds: Sequence[Kind]) -> tuple[Prepared, Explanation]:
+def explain_faults(ready: FilterInput, kinds: Sequence[Kind]) -> tuple[FilterInput, Explanation]:
     """Find the faults of a recording, and prepare the recording for the filter with these faults."""
     parts, tried, runs = list[Part](), list[Tried](), 0
     for _ in range(ROUNDS):
@@ -181,7 +181,7 @@ def explain_faults(ready: Prepared, kinds: Sequence[Kind]) -> tuple[Prepared, Ex
     between = np.concatenate([part.time for part in parts]), np.concatenate([mix(part.search) for part in parts])
     passes = sum(part.search.passes for part in parts)
     explanation = Explanation(tuple(faults), tuple(best_first), passes, runs, findings, between)
-    return replace(explained, explanation=explanation, notes=(*explained.notes, limits)), explanation
+    return explained.add_notes(limits), explanation
 
 
 class Part(NamedTuple):
@@ -257,9 +257,9 @@ def considered_of(record: LinearRecord, search: Search) -> list[Tried]:
     return rows
 
 
-def accepted_as(ready: Prepared, fault: Fault, step: Step, interval: float) -> Tried:
+def accepted_as(ready: FilterInput, fault: Fault, step: Step, interval: float) -> Tried:
     """Return the table row of an accepted fault."""
-    false, time = apply_faults(ready, [fault]).settings.false, ready.gps.time - ready.settings.delay
+    false, time = apply_faults(ready, [fault]).explained.false, ready.fix_time
     left_out = 0 if false is None else int(np.count_nonzero(false.any(axis=0)))
     moved = int(np.count_nonzero(fault.displaces(time)))
     kind, size, prior = fault.kind, float(np.linalg.norm(fault.size)), prior_of((step,), interval)
@@ -305,10 +305,9 @@ def _least_found(known: FloatArray, kind: Kind, interval: float, ends: float, mi
     return float(sizes[np.argmax(enough)] + NINE_IN_TEN / np.sqrt(max(value[0], 1e-30))) if enough.any() else np.inf
 
 
-def apply_faults(ready: Prepared, faults: Sequence[Fault]) -> Prepared:
+def apply_faults(ready: FilterInput, faults: Sequence[Fault]) -> FilterInput:
     """Apply faults to a recording: exclude false fixes, change the filter state, and increase the noise."""
-    gps, changes, rough = ready.gps, [*ready.settings.changes], list[Rough]()
-    time = ready.gps.time - ready.settings.delay
+    gps, time, changes, rough = ready.gps, ready.fix_time, [*ready.explained.changes], list[Rough]()
     false = np.zeros((2, time.size), dtype=np.bool_)
     for fault in faults:
         inside = fault.inside(time)
@@ -327,10 +326,9 @@ def apply_faults(ready: Prepared, faults: Sequence[Fault]) -> Prepared:
         elif fault.family != "delay":
             changes += _changes_of(fault)
     changes.sort(key=lambda change: change.time)
-    settings = replace(ready.settings, changes=tuple(changes), rough=tuple(rough), false=false if false.any() else None)
-    if rough and settings.correlated is None:
-        settings = replace(settings, correlated=usual_correlated(gps.position_sd))
-    return replace(ready, gps=gps, settings=settings)
+    if rough and ready.receiver.correlated is None:
+        ready = ready.replace_correlated(usual_correlated(gps.position_sd))
+    return replace(ready, gps=gps, explained=Explained(tuple(changes), false if false.any() else None, tuple(rough)))
 
 
 def _changes_of(fault: Fault) -> list[StateChange]:

@@ -17,18 +17,17 @@ from numpy.typing import NDArray
 
 from insnav.explain.kinds import FADES, RETURN, Kind
 from insnav.filter.error_model import MANOEUVRE, layout, reset_correlated
+from insnav.filter.filter_input import FilterInput
 from insnav.filter.gates import Gates
 from insnav.filter.gps_noise import CorrelatedNoise
 from insnav.filter.innovation_likelihood import thinned
 from insnav.filter.navigate import feed
 from insnav.filter.navigator import Navigator
-from insnav.filter.prepare import Prepared
-from insnav.filter.settings import FilterSettings
 from insnav.kernels import linear
 from insnav.kernels.dynamics import NAV
 from insnav.kernels.errorstate import STATES
 from insnav.kernels.smoother import COAST, CORRECTION, JACOBIAN, KIND, NOISE, RESIDUAL, TIME
-from insnav.types import BoolArray, FloatArray, GpsData, ImuData, IntArray, RoundingChange
+from insnav.types import BoolArray, FloatArray, ImuData, IntArray, RoundingChange
 
 LONGEST, SHORTEST = 1024, 256  # largest and smallest number of epochs in a part of a long record
 FAULTS = 9  # states of faults: offset of positions, its drift, offset of velocities
@@ -157,7 +156,7 @@ class LinearRecord:
     from_fix: bool  # the first position comes from a fix and has its time-correlated error
 
     @classmethod
-    def of(cls, ready: Prepared) -> Iterator[LinearRecord]:
+    def of(cls, ready: FilterInput) -> Iterator[LinearRecord]:
         """Run the filter over the longest part of a recording, and divide its epochs into parts of bounded length.
 
         The caller should keep one part at a time.
@@ -165,29 +164,25 @@ class LinearRecord:
         Raises: DivergenceError: the filter lost consistency.
         """
         ready = ready.longest_part()
-        gates = ready.settings.gates
+        gates = ready.gates
         soft = Gates(gates.max_sd, np.inf, np.inf, gates.probability, np.inf, np.inf, np.inf)
-        correlated = usual_correlated(ready.gps.position_sd)
-        settings = replace(
-            ready.settings, gates=soft, aiding=None, smooth=True, output_interval=10.0, correlated=correlated
-        )
-        gps = thinned(ready.gps)
         # misalignments are states here, not noise as in the filter
         model = replace(ready.model, noise=np.append(ready.model.noise[:-2], [0.0, 0.0]))
-        navigator = Navigator(ready.initial, model, gps, ready.alignment, ready.nominal, settings)
+        used = ready.replace_correlated(usual_correlated(ready.gps.position_sd)).keep_history()
+        navigator = Navigator(replace(used, model=model, gps=thinned(ready.gps), gates=soft))
         whole = feed(navigator, ready.imu).history().blocks()
         blocks = [part for each in whole for part in np.array_split(each, -(-len(each) // LONGEST))]
         if len(blocks) > 1 and len(blocks[-1]) < SHORTEST:
             blocks[-2:] = [np.concatenate(blocks[-2:])]
         sd = np.sqrt(ready.model.noise[-2:] / MANOEUVRE)
         first = [ready.initial.from_fix, *[False] * (len(blocks) - 1)]
-        records = (cls._from_history(*each, ready.gps, settings) for each in zip(blocks, first, strict=True))
-        return (record.with_axes(ready.imu, sd).with_rounding(settings.rounding) for record in records)
+        records = (cls._from_history(*each, replace(used, gps=ready.gps)) for each in zip(blocks, first, strict=True))
+        return (record.with_axes(ready.imu, sd).with_rounding(ready.rounding) for record in records)
 
     @classmethod
-    def _from_history(cls, history: FloatArray, from_fix: bool, gps: GpsData, settings: FilterSettings) -> LinearRecord:
+    def _from_history(cls, history: FloatArray, from_fix: bool, ready: FilterInput) -> LinearRecord:
         """Build a record from the history of a run: transitions, noise, measurements and state corrections."""
-        at, m = layout(settings), history.shape[0]
+        at, gps, m = layout(ready.receiver), ready.gps, history.shape[0]
         n, time = at.states, history[:, TIME].copy()
         span = np.diff(time, prepend=time[:1])
         jacobian, transition, lower = np.split(history[:, JACOBIAN:], [6 * n, -n * (n + 1) // 2], axis=1)
@@ -219,10 +214,13 @@ class LinearRecord:
         fed = np.zeros((m, n + FAULTS))
         fed[:, :n] = np.einsum("mi,mij->mj", z, gain)
         sensors, taken = history[:, CORRECTION : CORRECTION + STATES - NAV], np.zeros((m + 1, NAV))
-        for each in settings.changes:
+        changes = ready.explained.changes
+        for each in changes:
             if each.first < NAV:
                 taken[np.searchsorted(time, each.time - 1e-6), each.first : each.first + 3] += each.change
-        at_change = [each.time - 1e-6 for each in settings.changes] + [each.time - 1e-6 for each in settings.rounding]
+        at_change = [each.time - 1e-6 for each in ready.explained.changes] + [
+            each.time - 1e-6 for each in ready.rounding
+        ]
         for of in np.unique(np.searchsorted(time, at_change)):
             if 0 < of < m:  # as the run took it off its state
                 q[of], qd[of], fade[of, NAV:STATES] = q[of - 1], qd[of - 1], fade[of - 1, NAV:STATES]
@@ -230,10 +228,10 @@ class LinearRecord:
                 part[NAV:] = sensors[of - 1] - (sensors[of] + fed[of, NAV:STATES]) / fade[of, NAV:STATES]
                 part[:NAV] = np.linalg.solve(phi[of, :, :NAV], taken[of] - phi[of, :, NAV:] @ part[NAV:])
                 fed[of - 1, :STATES] += part
-        row = np.minimum(np.searchsorted(gps.time - settings.delay, time - 1e-4), gps.time.size - 1)
+        row = np.minimum(np.searchsorted(ready.fix_time, time - 1e-4), gps.time.size - 1)
         sd = np.hstack([gps.position_sd[row], gps.velocity_sd[row]])
         # timestamps that scatter add speed and acceleration, the derivative by the delay
-        jitter = settings.jitter * h[:, :, STATES] if at.delay >= 0 else 0.0
+        jitter = ready.receiver.jitter * h[:, :, STATES] if at.delay >= 0 else 0.0
         start = np.zeros((n + FAULTS, n + FAULTS))
         start[:n, :n] = before[0]
         reset_correlated(start, at.correlated, np.zeros(3))

@@ -11,9 +11,9 @@ import numpy as np
 from insnav import strapdown
 from insnav.attitude import dcm_from_rph
 from insnav.earth import lla_offset, ned_offset
+from insnav.filter.filter_input import FilterInput
 from insnav.filter.gps_noise import velocity_lag
 from insnav.filter.prepare import LONGEST_GAP
-from insnav.filter.settings import FilterSettings
 from insnav.findings import Code, of_code
 from insnav.sample_statistics import chi2_limit
 from insnav.tabular import runs_of
@@ -136,7 +136,7 @@ ENDS = 0.2  # fixes up to this time outside the track are compared with its end 
 LARGEST, UNUSED, EPISODE = 30.0, 10.0, 30.0
 
 
-def residuals(run: Run, gps: GpsData, settings: FilterSettings) -> tuple[FloatArray, FloatArray]:
+def residuals(run: Run, ready: FilterInput) -> tuple[FloatArray, FloatArray]:
     """Compute residuals of fixes from the smoothed track at the antenna, each velocity at its own time.
 
     Returns: (2, n, 3) position and velocity residuals, North, East, Down [m], [m/s]. (2, n) their squares normalised by
@@ -145,9 +145,9 @@ def residuals(run: Run, gps: GpsData, settings: FilterSettings) -> tuple[FloatAr
     assert run.smoothed is not None
     track = run.smoothed.solution
     assert track.sd is not None
-    time = gps.time - settings.delay
+    gps, time = ready.gps, ready.fix_time
     after, lla = strapdown.between(track.time, track.lla, time)
-    late, v_n = strapdown.between(track.time, track.v_n, time - settings.velocity_lag)
+    late, v_n = strapdown.between(track.time, track.v_n, time - ready.receiver.lag.value)
     antenna = lla_offset(lla, dcm_from_rph(track.rph[after]) @ run.lever_b)
     turned = dcm_from_rph(track.rph[late]) - dcm_from_rph(track.rph[late - 1])  # the antenna moves around the IMU
     swing = turned @ run.lever_b / (track.time[late] - track.time[late - 1])[:, None]
@@ -160,12 +160,12 @@ def residuals(run: Run, gps: GpsData, settings: FilterSettings) -> tuple[FloatAr
     return off, np.sum(off**2 / (np.array([gps.position_sd, gps.velocity_sd]) ** 2 + smoothed**2), axis=2)
 
 
-def unlikely(run: Run, gps: GpsData, settings: FilterSettings) -> float:
+def unlikely(run: Run, ready: FilterInput) -> float:
     """Compute twice the negative log-likelihood of all fixes under white noise of the reported standard deviations.
 
     An unused fix costs `UNUSED` in addition.
     """
-    found, rows = run.innovations, rows_of(run, gps, settings)
+    found, gps, rows = run.innovations, ready.gps, rows_of(run, ready)
     total = EPISODE * sum(1 for _ in of_code(run.events, Code.FILTER_RESET))
     for nis, sd, reported, used in (
         (found.nis_position, found.sd[:, :3], gps.position_sd[rows], found.used_position),
@@ -180,12 +180,12 @@ def unlikely(run: Run, gps: GpsData, settings: FilterSettings) -> float:
     return total
 
 
-def contradicted(run: Run, gps: GpsData, settings: FilterSettings) -> bool:
+def contradicted(run: Run, ready: FilterInput) -> bool:
     """Return whether the filter reset, accepted fixes against the smoothed track, or rejected many that agree."""
     if any(of_code(run.events, Code.FILTER_RESET)):
         return True
-    gates, rows = settings.gates, rows_of(run, gps, settings)
-    off, square = (each[:, rows] for each in residuals(run, gps, settings))
+    gates, gps, rows = ready.gates, ready.gps, rows_of(run, ready)
+    off, square = (each[:, rows] for each in residuals(run, ready))
     square = square / _scales(run)[:, None]
     believed = np.array([run.innovations.used_position, run.innovations.used_velocity])
     far = np.linalg.norm(off, axis=2) > 2.0 * np.array([[gates.small_position], [gates.small_velocity]])
@@ -196,14 +196,14 @@ def contradicted(run: Run, gps: GpsData, settings: FilterSettings) -> bool:
     return any(stop - start > LONGEST for start, stop in stretches(run.innovations.time, supported))
 
 
-def rows_of(run: Run, gps: GpsData, settings: FilterSettings) -> IntArray:
+def rows_of(run: Run, ready: FilterInput) -> IntArray:
     """Return the row of the fix of each innovation."""
-    return np.searchsorted(gps.time - settings.delay, run.innovations.time - 1e-6)
+    return np.searchsorted(ready.fix_time, run.innovations.time - 1e-6)
 
 
-def without_rejected(gps: GpsData, run: Run, settings: FilterSettings) -> GpsData:
+def without_rejected(ready: FilterInput, run: Run) -> GpsData:
     """Mark fixes as invalid where a run rejected their position; the gates test the velocities again."""
-    found, rows = run.innovations, rows_of(run, gps, settings)
+    found, gps, rows = run.innovations, ready.gps, rows_of(run, ready)
     fix = np.ones(gps.time.shape[0], dtype=np.int64) if gps.fix is None else gps.fix.copy()
     fix[rows[~found.used_position]] = 0
     return replace(gps, fix=fix)

@@ -23,14 +23,16 @@ from insnav.alignment.in_motion import SPAN, STEADY, bias_by_course, gives_veloc
 from insnav.attitude import dcm_from_quat, quat_from_rph, rph_from_quat, wrap_pi
 from insnav.exceptions import DivergenceError
 from insnav.filter.ambiguity import with_wider_sd
+from insnav.filter.filter_input import FilterInput
 from insnav.filter.gates import Gates, aside
 from insnav.filter.gps_noise import LAG_WORTH, name_lag, velocity_lag
 from insnav.filter.innovation_likelihood import HUBER
 from insnav.filter.late_fixes import BLOCKS, REACH, LateFixes
 from insnav.filter.navigate import feed
+from insnav.filter.navigator import Navigator
 from insnav.filter.noise_identification import SHORT, usual_time
-from insnav.filter.prepare import Prepared
-from insnav.filter.settings import FilterSettings
+from insnav.filter.prepare import align_again
+from insnav.filter.receiver import Lag, Receiver
 from insnav.filter.smoother import History
 from insnav.findings import Code, Finding
 from insnav.kernels.errorstate import feed_back
@@ -87,8 +89,8 @@ CHEAPER = 0.1
 class Filtered:
     """Result of the filter over the beginning of a drive, with the clock of its samples unchanged."""
 
-    ready: Prepared  # the beginning
-    settings: FilterSettings  # with which it was navigated
+    ready: FilterInput  # the beginning
+    used: FilterInput  # the navigated input: the beginning, with other receiver and gates
     epochs: FloatArray | None  # see `insnav.kernels.smoother.keep`; none if the filter diverged
     delay: float  # final delay state, and its standard deviation [s]
     delay_sd: float
@@ -100,34 +102,35 @@ class Filtered:
     squares: float
 
 
-def filtered(ready: Prepared, *, starts: int | None = None, gates: Gates | None = None) -> Filtered:
+def filtered(ready: FilterInput, *, starts: int | None = None, gates: Gates | None = None) -> Filtered:
     """Navigate the beginning of a drive for the comparison of clocks.
 
-    A start in motion is navigated again, `starts` times. `gates`: instead of the gates of the settings.
+    A start in motion is navigated again, `starts` times. `gates`: instead of its own.
     """
     ready = ready if starts is not None else _thinned(ready.beginning(LONGEST))
     starts = STARTS if starts is None else starts
     # a late fix looks false in every bend, and a reset would open heading and biases
-    gates = gates or replace(ready.settings.gates, reset_after=np.inf)
-    lever_sd = ready.settings.lever_sd
-    other = float(np.hypot(OPENED * lever_sd, np.linalg.norm(ready.settings.lever_b)))
-    correlated = ready.settings.correlated
+    gates = gates or replace(ready.gates, reset_after=np.inf)
+    receiver, lever_arm, lever_sd = ready.receiver, ready.receiver.lever_arm, ready.receiver.lever_arm.sd
+    other = float(np.hypot(OPENED * lever_sd, np.linalg.norm(lever_arm.value)))
+    correlated = receiver.correlated
     if correlated is not None and correlated.by_reported:  # its long time is uncertain, and a lag replaces it
         correlated = replace(correlated, time=min(correlated.time, usual_time()))
-    settings = replace(ready.settings, aiding=None, smooth=True, output_interval=10.0, gates=gates, settled=False)
-    settings = replace(settings, lever_sd=OPENED * lever_sd, shaken=other, correlated=correlated)
-    navigator = replace(ready, settings=settings).navigator()
+    opened, delay = replace(lever_arm, sd=OPENED * lever_sd, shaken=other), replace(receiver.delay, settled=False)
+    receiver = replace(receiver, lever_arm=opened, delay=delay, correlated=correlated)
+    used = replace(ready.keep_history(), receiver=receiver, gates=gates)
+    navigator = Navigator(used)
     try:
         feed(navigator, ready.imu)
         history = navigator.history()
         epochs = history.rows()
         again = with_surer_start(ready, history) if starts else None
         if starts and again is None and ready.alignment.static is None:  # gates reject fixes after a bad start
-            other_run = replace(_doubted(ready), settings=replace(settings, gates=_open_gates(ready))).navigator()
+            other_run = Navigator(_doubted(replace(used, gates=replace(gates.believing(), max_speed=np.inf))))
             feed(other_run, ready.imu)
             again = with_surer_start(ready, other_run.history())
     except DivergenceError:
-        return Filtered(ready, settings, None, 0.0, np.inf, 0.0, lever_sd, np.inf, np.inf)
+        return Filtered(ready, used, None, 0.0, np.inf, 0.0, lever_sd, np.inf, np.inf)
     if again is not None:
         return filtered(again, starts=starts - 1)
     (arm, vibration), (arm_cov, vibration_cov) = navigator.levers()
@@ -141,27 +144,22 @@ def filtered(ready: Prepared, *, starts: int | None = None, gates: Gates | None 
     if other > 0.0:
         shaken = scale_of(vibration, vibration_cov, other, np.geomspace(LEAST_OTHER, other, SCALES))[1]
     shaken = shaken if shaken > OTHER_WORTH else 0.0
-    return Filtered(ready, settings, epochs, *navigator.delay, shaken, lever_sd, *navigator.misfit())
+    return Filtered(ready, used, epochs, *navigator.delay, shaken, lever_sd, *navigator.misfit())
 
 
-def _open_gates(ready: Prepared) -> Gates:
-    """Gates that reject no fix."""
-    return replace(ready.settings.gates, max_speed=np.inf, probability=1.0, reset_after=np.inf)
-
-
-def _doubted(ready: Prepared) -> Prepared:
+def _doubted(ready: FilterInput) -> FilterInput:
     """Return a recording with very uncertain fixes."""
     position_sd, velocity_sd = np.hypot(ready.gps.position_sd, POOR[0]), np.hypot(ready.gps.velocity_sd, POOR[1])
     return replace(ready, gps=replace(ready.gps, position_sd=position_sd, velocity_sd=velocity_sd))
 
 
-def _thinned(ready: Prepared) -> Prepared:
+def _thinned(ready: FilterInput) -> FilterInput:
     """Thin the fixes of the part that is used; keep the fix of the start, drop certainly false fixes."""
-    ready = replace(ready, gps=ready.gps.rows(~aside(ready.settings.gates, ready.gps)))
+    ready = replace(ready, gps=ready.gps.rows(~aside(ready.gates, ready.gps)))
     time = ready.gps.time
     number = np.floor((time - time[0]) / (min(time[-1] - time[0], LONGEST) / FIXES) + 1e-6)
     wanted = np.diff(number, prepend=-1.0) > 0.0
-    wanted[np.argmin(np.abs(time - ready.settings.delay - ready.initial.time))] = True  # the fix of the known attitude
+    wanted[np.argmin(np.abs(ready.fix_time - ready.initial.time))] = True  # the fix of the known attitude
     return replace(ready, gps=ready.gps.rows(np.flatnonzero(wanted)))
 
 
@@ -224,12 +222,13 @@ def delay_of(seen: Filtered, alone: tuple[float, float] = (0.0, np.inf)) -> Foun
         cost, least = likelihood.mean_costs(*np.array([[0.0, 0.0, likelihood.lag], there]).T)
         return found._replace(cost=cost, least=least)
     # with seconds of delay, nearly all fixes look false, and precise fixes distort the filter
-    rough = filtered(_doubted(seen.ready), starts=0, gates=_open_gates(seen.ready))
+    believing = replace(seen.ready.gates.believing(), max_speed=np.inf)
+    rough = filtered(_doubted(seen.ready), starts=0, gates=believing)
     found = _found(rough, _likelihood(rough), alone)
     if found.sd <= DOUBTFUL:
         return found
     # precise fixes determine it to milliseconds, if the reported sds are true at some delay
-    believed = filtered(seen.ready, starts=0, gates=_open_gates(seen.ready))
+    believed = filtered(seen.ready, starts=0, gates=believing)
     likelihood = _likelihood(believed)
     off = EXPLAINED if likelihood is None else likelihood.off(COARSE)
     if off >= EXPLAINED:
@@ -243,12 +242,13 @@ def delay_of(seen: Filtered, alone: tuple[float, float] = (0.0, np.inf)) -> Foun
 
 def _likelihood(seen: Filtered) -> LateFixes | None:
     """Compute the likelihood of the fixes from a run; None if it diverged."""
-    return None if seen.epochs is None else LateFixes(seen.ready, seen.settings, seen.epochs)
+    return None if seen.epochs is None else LateFixes(seen.used, seen.epochs)
 
 
 def _found(seen: Filtered, likelihood: LateFixes | None, alone: tuple[float, float]) -> Found:
     """Estimate the fix clock from a run; see `delay_of`."""
-    nothing = Found(0.0, np.inf, 0.0, seen.settings.velocity_lag, 0.0, seen.settings.moments)
+    known = seen.used.receiver.lag
+    nothing = Found(0.0, np.inf, 0.0, known.value, 0.0, known.moments)
     if likelihood is None or likelihood.blocks < BLOCKS or not likelihood.moves:  # fewer may agree by chance
         return nothing
     best = likelihood.likeliest(COARSE, likelihood.lag)
@@ -334,44 +334,45 @@ def _with_lag(
 
 
 def on_time(
-    prepared: Callable[[float, float], Prepared], settings: FilterSettings, at_first: tuple[float, float] = (0.0, 0.0)
-) -> Prepared:
+    prepared: Callable[[float, float], FilterInput], receiver: Receiver, at_first: tuple[float, float] = (0.0, 0.0)
+) -> FilterInput:
     """Prepare a recording with its samples shifted to the time of the fixes, if the delay is significant.
 
     The search also estimates the vibration lever arm and the attitude of a start in motion. `prepared`: function of the
-    clock shift at the start [s] and its rate [s/s]. `settings`: of the filter; a specified delay is not estimated.
+    clock shift at the start [s] and its rate [s/s]. `receiver`: a specified delay is not estimated.
     `at_first`: where the search begins.
     """
     ready = prepared(*at_first)
     clock, rate = own = at_first
-    if settings.delay_sd <= 0.0 and settings.lever_sd <= 0.0 and not settings.lever_b.any():
+    if receiver.delay.sd <= 0.0 and receiver.lever_arm.sd <= 0.0 and not receiver.lever_arm.value.any():
         return ready
     seen = filtered(ready)
-    further, width, lags = seen, settings.delay_sd, (ready.settings.velocity_lag, 0.0, ready.settings.moments)
+    lag = ready.receiver.lag
+    further, width, lags = seen, receiver.delay.sd, (lag.value, 0.0, lag.moments)
     before, last, least_delay_sd, shown = (ready, seen, at_first), 0.0, 0.0, 0.0
     half = 0.5 * min(float(np.ptp(ready.imu.time)), LONGEST)  # half of the used part of the record [s]
-    alone = velocity_lag(ready.gps) if settings.delay_sd > 0.0 else (0.0, np.inf)
+    alone = velocity_lag(ready.gps) if receiver.delay.sd > 0.0 else (0.0, np.inf)
     tried, misfit, cost = before, np.nan, np.nan
-    for _ in range(ROUNDS if settings.delay_sd > 0.0 else 0):
+    for _ in range(ROUNDS if receiver.delay.sd > 0.0 else 0):
         found = delay_of(further, alone)
         if found.misfit < misfit - BETTER:  # gates reject many fixes, and the others do not determine the delay
             ready, seen, own = tried
         misfit, cost = found.misfit, found.cost if further is seen else cost
         delay, sd, drift = found[:3]
         least_delay_sd, shown = found.least_delay_sd, clock + delay + half * (rate + drift)
-        was, lags = further.settings, found[3:6]
-        lagging = abs(found.lag - was.velocity_lag) >= LAG_WORTH or found.moments != was.moments
+        was, lags = further.used.receiver.lag, found[3:6]
+        lagging = abs(found.lag - was.value) >= LAG_WORTH or found.moments != was.moments
         # velocities determine the sum of delay and lag: a negligible lag leaves both to the clock
-        ahead, ahead_sd = (delay, sd) if lagging else (delay + found.lag - was.velocity_lag, found.sum_sd)
+        ahead, ahead_sd = (delay, sd) if lagging else (delay + found.lag - was.value, found.sum_sd)
         # after a shift, or if the linear state of the filter significantly agrees in sign
         agrees = further.delay * np.sign(ahead) > SURE * further.delay_sd
         sure = SURE if clock == 0.0 and not agrees else REFINED
         # within its reach, the delay of a run with that lag is valid; another lag distorts it
-        near = abs(ahead) < settings.delay_sd
+        near = abs(ahead) < receiver.delay.sd
         moved = bool(abs(ahead) >= max(WORTH, sure * ahead_sd) or drift) and not (lagging and near)
         left = float(np.hypot(sd, delay - ahead if moved else delay))
-        width = max(settings.delay_sd, min(LOOKED * left, WIDEST))
-        if moved and abs(last) < settings.delay_sd and ahead * last < -BACK * last**2:
+        width = max(receiver.delay.sd, min(LOOKED * left, WIDEST))
+        if moved and abs(last) < receiver.delay.sd and ahead * last < -BACK * last**2:
             ready, seen, own = before
             break
         if not moved and not lagging:
@@ -382,19 +383,21 @@ def on_time(
         if moved:
             clock, rate = clock + ahead, rate + drift
         there = prepared(clock, rate)
-        there = replace(there, settings=replace(there.settings, velocity_lag=found.lag, moments=found.moments))
+        there = replace(there, receiver=replace(there.receiver, lag=Lag(found.lag, moments=found.moments)))
         # within its reach, the filter's state explains a delay as well, except for nonlinearity
         refined = further is seen and sure == REFINED and near and not drift
         further = filtered(there)
         tried = there, further, (clock, rate)
         if refined or further.misfit <= seen.misfit + WORSE:  # a large delay is found in steps: the first may be worse
             ready, seen, own = tried
-    arm = replace(ready.settings, shaken=seen.shaken, lever_sd=seen.lever_sd, delay_sd=width)
-    arm = replace(arm, least_delay_sd=least_delay_sd, shown=shown - own[0] - half * own[1])
-    lag_sd = LOOKED * lags[1] if lags[1] > LAG_SD_WORTH else 0.0
-    ready = replace(ready, settings=replace(arm, velocity_lag=lags[0], lag_sd=lag_sd, moments=lags[2]))
-    if seen.ready.clock == ready.clock and not ready.parts:  # of a start in motion
-        ready = replace(ready, alignment=seen.ready.alignment, initial=seen.ready.initial)
+    receiver = ready.receiver
+    lever_arm = replace(receiver.lever_arm, shaken=seen.shaken, sd=seen.lever_sd)
+    shown -= own[0] + half * own[1]
+    searched = replace(receiver.delay, sd=width, least_sd=least_delay_sd, shown=shown)
+    lag = Lag(lags[0], LOOKED * lags[1] if lags[1] > LAG_SD_WORTH else 0.0, lags[2])
+    ready = replace(ready, receiver=replace(receiver, lever_arm=lever_arm, delay=searched, lag=lag))
+    if seen.ready.clock == ready.clock and len(ready.starts) == 1:  # of a start in motion
+        ready = replace(ready, starts=seen.ready.starts)
     lagging, known = abs(lags[0]) > LAG_WORTH, lags[1] > 0.0
     notes = [note for note in ready.notes if lagging > known or note.code is not Code.GPS_VELOCITY_LAG]
     if lagging and known:
@@ -406,7 +409,7 @@ def on_time(
     return replace(ready, notes=tuple(notes))
 
 
-def with_surer_start(ready: Prepared, history: History) -> Prepared | None:
+def with_surer_start(ready: FilterInput, history: History) -> FilterInput | None:
     """Start in motion with smoothed attitude and gyro bias of a first run; None if it is stationary or specified.
 
     Fixes observe the lever arm through the attitude. An attitude error of degrees that is corrected during the run
@@ -416,7 +419,7 @@ def with_surer_start(ready: Prepared, history: History) -> Prepared | None:
     alignment = ready.alignment
     if alignment.static is not None or alignment.heading_method is Code.ALIGN_HEADING_GIVEN:
         return None
-    found, time = history.smooth(), ready.gps.time - ready.settings.delay
+    found, time = history.smooth(), ready.fix_time
     fixes = np.count_nonzero((time > found.time[0]) & (time <= found.time[-1] + strapdown.TIME_TOLERANCE))
     if np.count_nonzero(found.used) < TRUE_FIXES * fixes:
         return None
@@ -432,15 +435,15 @@ def with_surer_start(ready: Prepared, history: History) -> Prepared | None:
         level_method=THEN_FILTER.get(Code(alignment.level_method), alignment.level_method),
         heading_method=THEN_FILTER.get(Code(alignment.heading_method), alignment.heading_method),
     )
-    return ready.started(alignment if gives_velocities(ready.gps) else _with_course(ready, alignment))
+    return align_again(ready, alignment if gives_velocities(ready.gps) else _with_course(ready, alignment))
 
 
-def _with_course(ready: Prepared, alignment: Alignment) -> Alignment:
+def _with_course(ready: FilterInput, alignment: Alignment) -> Alignment:
     """Refine the vertical gyro bias of an alignment by the later course: a straight road has no other evidence.
 
     Remaining errors of the other biases tilt the gyro frame and leak into the vertical.
     """
-    gps = replace(ready.gps, time=ready.gps.time - ready.settings.delay)
+    gps = replace(ready.gps, time=ready.fix_time)
     rows = slice(*np.searchsorted(ready.imu.time, alignment.time + np.array([-SPAN, STEADY + SPAN])))
     samples = strapdown.intervals(ready.imu.rows(rows), ready.nominal)
     bias, sd = bias_by_course(samples, alignment, sure_motion(gps, alignment.time)[0], float(gps.lla[0, 0]))
@@ -452,9 +455,7 @@ def _with_course(ready: Prepared, alignment: Alignment) -> Alignment:
     return replace(alignment, gyro_bias=by, gyro_bias_sd=by_sd)
 
 
-OPENED_ARM = 2.0  # standard deviation of each component in the pass that estimates it [m]
-WRONG, SURE_ARM = 0.4, 6.0  # smallest reported error [m], and in standard deviations of the estimate
-MARGIN = 3.0  # additional margin in sd: noise identified with a wrong arm is too large
+WRONG = 0.4  # smallest reported error of a lever arm [m]
 # Share of the lever-arm information that may come from gyro noise before it is reported. Approximate time over which
 # noise rotates the attitude before fixes correct it [s]
 PRETENDED, SHOWN_AFTER = 0.2, 10.0
@@ -462,7 +463,7 @@ NO_GYROS = 30.0 * DEG_PER_SQRT_H  # no gyro has this noise; hard mounts in vehic
 WRONG_HEADING = 3.0  # error of a specified heading in sd, from which the heading of the drive is tried
 
 
-def with_right_heading(given: Prepared, found: Prepared) -> Prepared:
+def with_right_heading(given: FilterInput, found: FilterInput) -> FilterInput:
     """Return a recording prepared with or without the specified heading, whichever makes the fixes more likely."""
     assumed, shown = given.alignment, found.alignment
     off = abs(float(wrap_pi(shown.rph[2] - assumed.rph[2])))
@@ -477,30 +478,10 @@ def with_right_heading(given: Prepared, found: Prepared) -> Prepared:
     values: dict[str, Any] = {"difference_rad": off, "limit_rad": limit, "given_rad": assumed.rph[2]}
     values |= {"estimate_rad": shown.rph[2], "estimate_sd_rad": shown.sd[2]}
     heading = Finding.of(code, ready.initial.time, **values)
-    return replace(ready, faults=(*ready.faults, heading))
+    return ready.add_faults(heading)
 
 
-def with_right_lever(given: Prepared, alone: Callable[[], Prepared]) -> Prepared:
-    """Return a recording with the specified lever arm, or `alone` without it, if the drive contradicts it."""
-    arm, run = given.settings.lever_b, looked(given, lever_sd=OPENED_ARM)
-    off, limit = np.abs(run.lever_b - arm), np.maximum(WRONG, SURE_ARM * run.lever_sd)
-    if not (off > limit).any():
-        checked = Finding.of(Code.ESTIMATE_LEVER_ARM_CHECKED, detectable_m=tuple(limit + MARGIN * run.lever_sd))
-        return replace(given, notes=(*given.notes, checked))
-    other = alone()
-    if pretended(given, run) <= PRETENDED:
-        return other
-    run = looked(other)  # noise identified with a wrong arm includes its error
-    hidden = min(pretended(other, run), 1.0) * np.abs(arm)
-    if (np.abs(run.lever_b - arm) > limit + hidden).any():
-        return other
-    values: dict[str, Any] = {"difference_m": off.max(), "limit_m": limit.max()}
-    values |= {"given_m": tuple(arm), "estimate_m": tuple(run.lever_b)}
-    kept = Finding.of(Code.GIVEN_LEVER_ARM_KEPT, given.initial.time, **values)
-    return replace(given, faults=(*given.faults, kept))
-
-
-def pretended(ready: Prepared, run: Run) -> float:
+def pretended(ready: FilterInput, run: Run) -> float:
     """Compute the share of the lever-arm information, on its weakest axis, that may come from gyro noise.
 
     Apparent rotation by gyro noise acts as evidence for a lever arm of zero length, as the antenna does not move
@@ -514,7 +495,7 @@ def pretended(ready: Prepared, run: Run) -> float:
     return float(told[run.innovations.used_position].sum() * np.max(run.lever_sd_alone) ** 2)
 
 
-def with_hidden_lever(ready: Prepared, run: Run) -> tuple[Run, tuple[Finding, ...]]:
+def with_hidden_lever(ready: FilterInput, run: Run) -> tuple[Run, tuple[Finding, ...]]:
     """Widen the standard deviations of arm, delay and positions if the lever arm may come from gyro noise.
 
     Standard deviations are doubled: in short parts of a recorded car with RTK, arms were wrong by 3 to 4 of them. Where
@@ -547,8 +528,10 @@ def lever_contradicted(arm: FloatArray, run: Run) -> Finding:
     return Finding.of(Code.GIVEN_LEVER_ARM_REJECTED, run.solution.time[0], **values)
 
 
-def looked(ready: Prepared, **opened: float) -> Run:
-    """Navigate the first part of a drive with other settings."""
-    settings = replace(ready.settings, smooth=False, least_delay_sd=0.0, **opened)  # type: ignore[arg-type]
-    some = replace(ready.beginning(SHORT), settings=settings)
-    return feed(some.navigator(), some.imu).finish()
+def looked(ready: FilterInput, lever_sd: float | None = None) -> Run:
+    """Navigate the first part of a drive forward; `lever_sd`: instead of the sd of its lever arm [m]."""
+    some, receiver = ready.beginning(SHORT), ready.receiver
+    lever_arm = receiver.lever_arm if lever_sd is None else replace(receiver.lever_arm, sd=lever_sd)
+    receiver = replace(receiver, lever_arm=lever_arm, delay=replace(receiver.delay, least_sd=0.0))
+    some = replace(some, receiver=receiver, output=replace(some.output, smooth=False))
+    return feed(Navigator(some), some.imu).finish()

@@ -9,7 +9,7 @@ import numpy as np
 
 from insnav.attitude import dcm_from_rph, quat_from_rph
 from insnav.earth import OMEGA_EARTH, gravity_n
-from insnav.filter.settings import FilterSettings
+from insnav.filter.receiver import Receiver
 from insnav.findings import Code
 from insnav.imu.specification import ImuSpec, SensorSpec, level_bias, noise_of, noise_of_both
 from insnav.kernels.errorstate import STATES
@@ -56,9 +56,9 @@ class InitialState:
 
 @dataclass(frozen=True, slots=True)
 class Part:
-    """Point where the filter continues after a gap."""
+    """Point where the filter starts, or continues after a gap."""
 
-    after: float  # time of the last sample before the gap [s]
+    after: float  # time of the last sample before the gap, or of the first sample [s]
     alignment: Alignment
     initial: InitialState
 
@@ -184,52 +184,53 @@ class Layout(NamedTuple):
         return self.lever >= 0 or self.shaken >= 0
 
 
-def layout(settings: FilterSettings) -> Layout:
-    """Lay out the states for the settings; states after the delay need its place, if only as a known zero."""
-    swings = settings.shaken > 0.0 and (settings.lever_sd > 0.0 or settings.lever_b.any())
-    more = settings.correlated is not None or settings.lever_sd > 0.0 or settings.lag_sd > 0.0 or swings
-    if not more and settings.delay_sd <= 0.0:
+def layout(receiver: Receiver) -> Layout:
+    """Lay out the states for a receiver; states after the delay need its place, if only as a known zero."""
+    lever_arm = receiver.lever_arm
+    swings = lever_arm.shaken > 0.0 and (lever_arm.sd > 0.0 or lever_arm.value.any())
+    more = receiver.correlated is not None or lever_arm.sd > 0.0 or receiver.lag.sd > 0.0 or swings
+    if not more and receiver.delay.sd <= 0.0:
         return Layout(STATES, -1, -1, -1, -1, -1)
     count = STATES + 1
     correlated = lever = shaken = lag = -1
-    if settings.correlated is not None:
-        correlated, count = count, count + settings.correlated.sds.size
-    if settings.lever_sd > 0.0:
+    if receiver.correlated is not None:
+        correlated, count = count, count + receiver.correlated.sds.size
+    if lever_arm.sd > 0.0:
         lever, count = count, count + 3
     if swings:
         shaken, count = count, count + 3
-    if settings.lag_sd > 0.0:
+    if receiver.lag.sd > 0.0:
         lag, count = count, count + 1
     return Layout(count, STATES, correlated, lever, shaken, lag)
 
 
-def first_state(start: InitialState, settings: FilterSettings) -> FilterState:
-    """Build the initial state and covariance of all states for the settings."""
-    at = layout(settings)
+def first_state(start: InitialState, receiver: Receiver) -> FilterState:
+    """Build the initial state and covariance of all states for a receiver."""
+    at = layout(receiver)
     covariance = np.zeros((at.states, at.states))
     covariance[:STATES, :STATES] = start.covariance
     if at.delay >= 0:
-        covariance[at.delay, at.delay] = settings.delay_sd**2
-    if settings.correlated is not None:
-        reset_correlated(covariance, at.correlated, settings.correlated.sds)
+        covariance[at.delay, at.delay] = receiver.delay.sd**2
+    if receiver.correlated is not None:
+        reset_correlated(covariance, at.correlated, receiver.correlated.sds)
     arms = [slice(first, first + 3) for first in (at.lever, at.shaken) if first >= 0]
     for part in arms:
         for other in arms:
-            covariance[part, other] = settings.lever_sd**2 * np.eye(3)
+            covariance[part, other] = receiver.lever_arm.sd**2 * np.eye(3)
     if at.shaken >= 0:
-        covariance[part, part] += settings.shaken**2 * np.eye(3)
+        covariance[part, part] += receiver.lever_arm.shaken**2 * np.eye(3)
     if at.lag >= 0:
-        covariance[at.lag, at.lag] = settings.lag_sd**2
+        covariance[at.lag, at.lag] = receiver.lag.sd**2
     if start.from_fix and at.delay >= 0:
-        if settings.correlated is not None:
-            cross_covariance(covariance, at.correlated, settings.correlated.sd)
+        if receiver.correlated is not None:
+            cross_covariance(covariance, at.correlated, receiver.correlated.sd)
         by = set_to_fix(at, start.v_n, dcm_from_rph(start.rph))
         covariance = by @ covariance @ by.T
     x = np.concatenate([start.lla, start.v_n, quat_from_rph(start.rph)])
     correction = np.concatenate([start.gyro_bias, np.zeros(9)])
-    levers = settings.lever_b.copy(), settings.lever_b.copy()
-    lasting = np.zeros(3 if settings.correlated is None else settings.correlated.sds.size)
-    return FilterState(start.time, x, correction, 0.0, settings.velocity_lag, lasting, *levers, np.zeros(6), covariance)
+    levers = receiver.lever_arm.value.copy(), receiver.lever_arm.value.copy()
+    lasting = np.zeros(3 if receiver.correlated is None else receiver.correlated.sds.size)
+    return FilterState(start.time, x, correction, 0.0, receiver.lag.value, lasting, *levers, np.zeros(6), covariance)
 
 
 def set_to_fix(at: Layout, v_n: FloatArray, c: FloatArray) -> FloatArray:

@@ -18,16 +18,8 @@ from insnav.alignment.static import LONG_REST
 from insnav.attitude import dcm_from_quat, dcm_from_rph, quat_from_rph
 from insnav.deferred import deferred
 from insnav.exceptions import DivergenceError, InputError
-from insnav.filter.error_model import (
-    ErrorModel,
-    FilterState,
-    InitialState,
-    cross_covariance,
-    layout,
-    reset_correlated,
-    set_to_fix,
-)
-from insnav.filter.settings import FilterSettings
+from insnav.filter.error_model import FilterState, InitialState, cross_covariance, layout, reset_correlated, set_to_fix
+from insnav.filter.filter_input import FilterInput
 from insnav.filter.smoother import History
 from insnav.findings import Code, Finding
 from insnav.kernels import epoch, errorstate
@@ -35,7 +27,7 @@ from insnav.kernels.dynamics import NAV
 from insnav.kernels.errorstate import STATES
 from insnav.kernels.measurements import NOT_FINITE, fault_of, inverse, measurement_fault, swing
 from insnav.strapdown import TIME_TOLERANCE
-from insnav.types import Alignment, FloatArray, RoundingChange, StateChange
+from insnav.types import FloatArray, RoundingChange, StateChange
 
 MAX_REPAIRS = 10  # rounding causes one or two in hours; more indicate a defect of model or data
 # filterpy imports all its parts, and for them scipy.stats and scipy.linalg, in half a second; no run needs these
@@ -152,16 +144,9 @@ class Estimate:
     for the smoother. `note` records an event. `coast`: longest time between filter epochs [s].
     """
 
-    def __init__(
-        self,
-        start: FilterState,
-        model: ErrorModel,
-        settings: FilterSettings,
-        note: Callable[[Finding], None],
-        coast: float,
-        alignment: Alignment,
-    ) -> None:
-        self.at, self._coast = layout(settings), coast
+    def __init__(self, ready: FilterInput, start: FilterState, note: Callable[[Finding], None], coast: float) -> None:
+        receiver, alignment, explained = ready.receiver, ready.alignment, ready.explained
+        self.at, self._coast = layout(receiver), coast
         n = self.at.states
         self.all = np.zeros(epoch.ESTIMATED)
         self.x, self.correction, self.motion, self.lasting, self.shaken = (
@@ -175,10 +160,10 @@ class Estimate:
         self.lasting[:] = start.correlated
         self.lever, self.span, self.places = self.arm[:3], np.zeros(1), np.array([*self.at, self.lasting.size])
         self._seen = self.x, self.correction, self.arm
-        self.history = History(n) if settings.smooth else None
+        self.history = History(n) if ready.output.smooth else None
         self._engine = Engine(start.covariance)
-        self._note, self._lever_given, self._gps_noise = note, settings.lever_b, settings.correlated
-        self._settled, self.doubt = settings.settled, np.array([settings.least_delay_sd, settings.shown])
+        self._note, self._lever_given, self._gps_noise = note, receiver.lever_arm.value, receiver.correlated
+        self._settled, self.doubt = receiver.delay.settled, np.array([receiver.delay.least_sd, receiver.delay.shown])
         self._lasting_sd = self._lasting_time = np.empty(0)
         if self._gps_noise is not None:
             self._lasting_sd, self._lasting_time = self._gps_noise.sds, self._gps_noise.times
@@ -188,9 +173,9 @@ class Estimate:
         self._work = errorstate.scratch()
         self.before = np.zeros(12)  # predicted variances at the last epoch
         self._changing = self.all, self.span, self._carried.sums, self._phi, self._q, self.before
-        self._rough = settings.rough
-        self._changes = [change for change in settings.changes if change.time > start.time]
-        self._rounding = [change for change in settings.rounding if change.time > start.time]
+        self._rough = explained.rough
+        self._changes = [change for change in explained.changes if change.time > start.time]
+        self._rounding = [change for change in ready.rounding if change.time > start.time]
         # of each gyro at its last change of rounding errors: bias without these, its variance (unknown at first), time
         self._bias = np.tile([0.0, 1.0, start.time], (3, 1))
         begin, rest = alignment.static or (-np.inf, -np.inf)
@@ -198,7 +183,7 @@ class Estimate:
         part = (rest - begin) / (len(alignment.sway) + 1)  # changes occur between parts
         sway = alignment.sway**2 / part
         limit = np.array([SUBSTEP, coast, begin, rest if rest - begin >= LONG_REST else -np.inf])
-        self._noise = errorstate.Model(limit, model.noise, GAP_NOISE, model.decay, sway)
+        self._noise = errorstate.Model(limit, ready.model.noise, GAP_NOISE, ready.model.decay, sway)
         if self.history is not None:
             self.history.epoch(start.time, *self._seen, self._phi, self.covariance)
 

@@ -11,9 +11,9 @@ from insnav.alignment import align_static
 from insnav.alignment.align import THEN_FILTER
 from insnav.alignment.static import latitude_from_sensors, summarize, unexplained_rate
 from insnav.exceptions import AlignmentError
-from insnav.filter.error_model import error_model, initial_state
+from insnav.filter.error_model import Part, error_model, initial_state
+from insnav.filter.filter_input import FilterInput, Output
 from insnav.filter.navigator import Navigator
-from insnav.filter.settings import FilterSettings
 from insnav.findings import Code
 from insnav.imu.specification import ImuSpec
 from insnav.types import Alignment, FloatArray, GpsData, ImuData
@@ -71,9 +71,8 @@ def fine_alignment(
     )
     model = error_model(spec, 15)  # scale factors are not observable while stationary
     initial = initial_state(start, model, lla, np.zeros(3), np.full(3, POSITION_SD), np.full(3, VELOCITY_SD))
-    navigator = Navigator(
-        initial, model, still, start, strapdown.nominal_interval(imu.time), FilterSettings(output_interval=1.0)
-    )
+    starts, nominal = (Part(begin, start, initial),), strapdown.nominal_interval(imu.time)
+    navigator = Navigator(FilterInput(imu, still, model, starts, nominal, output=Output(1.0)))
     navigator.feed(imu)
     run = navigator.finish()
     last = run.solution

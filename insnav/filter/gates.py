@@ -82,7 +82,7 @@ def quality(gates: Gates, time: float, fix: int | None, position_sd: FloatArray)
 def pass_quality(gates: Gates, gps: GpsData) -> BoolArray:
     """Mark the fixes that `quality` does not reject."""
     good: BoolArray = gps.position_sd.max(axis=1) <= gates.max_sd
-    return good if gps.fix is None else good & (gps.fix != 0)
+    return good & gps.valid
 
 
 def physical_position(
@@ -116,8 +116,8 @@ def aside(gates: Gates, gps: GpsData) -> BoolArray:
 
     Up to `IN_A_ROW` together, if these neighbours are collinear with the next: after a lasting jump they are not.
     """
-    found, every = np.zeros(gps.time.size, dtype=np.bool_), np.arange(gps.time.size)
-    left = every if gps.fix is None else every[gps.fix != 0]  # invalid fixes may be anywhere
+    found = np.zeros(gps.time.size, dtype=np.bool_)
+    left = np.flatnonzero(gps.valid)  # invalid fixes may be anywhere
     for _ in range(ROUNDS):  # a false fix masks others
         false = _beside(gates, gps.rows(left))
         if not false.any():
@@ -215,7 +215,7 @@ def _without_frozen_positions(gps: GpsData, imu: ImuData) -> tuple[GpsData, list
     same = (step == 0.0) | (step < jitter)
     repeated = (moved == 0.0).all(axis=1) & ((np.diff(v_n, axis=0) == 0.0) | np.isnan(v_n[1:])).all(axis=1)
     travels = float(np.ptp(ned_offset(gps.lla, gps.lla[0])[:, :2], axis=0).max(initial=0.0)) > JOURNEY
-    for first, last in runs_of(same if gps.fix is None else same & (gps.fix[1:] != 0)):
+    for first, last in runs_of(same & gps.valid[1:]):
         far, rows = _way(gone[first:last]), slice(first + 1, last + 1)
         least = FROZEN if step[first:last].any() else max(SAME, STEPS * written)
         whole = travels and bool(repeated[first:last].all())

@@ -66,8 +66,7 @@ def velocity_lag(gps: GpsData) -> tuple[float, float]:
 
     Returns: `lag`, `sd` [s]. The sd is infinite with too few or too sparse fixes, or without accelerations.
     """
-    usable = np.isfinite(gps.v_n).all(axis=1)
-    gps = gps.rows(np.flatnonzero(usable if gps.fix is None else usable & (gps.fix != 0)))
+    gps = gps.rows(np.flatnonzero(np.isfinite(gps.v_n).all(axis=1) & gps.valid))
     gps = gps.rows(~aside(Gates(), gps))
     t = gps.time
     if t.shape[0] < 50:

@@ -14,10 +14,10 @@ import numpy as np
 from insnav.attitude import rph_by_turn
 from insnav.exceptions import DivergenceError
 from insnav.filter.error_model import error_model, first_state, layout
+from insnav.filter.filter_input import FilterInput
 from insnav.filter.gps_noise import ALIKE, LARGEST_SHARE, OPEN_SD, CorrelatedNoise
 from insnav.filter.navigator import Navigator
 from insnav.filter.noise_estimate import NoiseEstimate, errors_of_axes, informed, start_by
-from insnav.filter.prepare import Prepared
 from insnav.imu.noise_density import SLOW, white_noise
 from insnav.imu.specification import ImuSpec, SensorSpec
 from insnav.kernels import noise_likelihood as kernel
@@ -88,34 +88,34 @@ class Parameter:
 class InnovationLikelihood:
     """Innovations of one drive as a function of the noise. `about`: noise of the run about which they are linear."""
 
-    def __init__(self, ready: Prepared, spec: ImuSpec, about: NoiseEstimate | None = None) -> None:
+    def __init__(self, ready: FilterInput, spec: ImuSpec, about: NoiseEstimate | None = None) -> None:
         ready = ready.longest_part()
         run = ready if about is None else ready.apply_noise(about)
         gps = thinned(ready.gps)
         self.median_sd: FloatArray = np.median(gps.position_sd, axis=0)
-        correlated = run.settings.correlated
+        correlated = run.receiver.correlated
         if correlated is None:  # the nominal run needs the states at any size
             correlated = CorrelatedNoise(0.1, 40.0, np.sqrt(0.1) * self.median_sd)
         correlated = replace(correlated, velocity_sd=None)
-        self._settings = replace(ready.settings, correlated=correlated, aiding=None, smooth=True, output_interval=10.0)
         self._ready, self._run, self.prior = ready, run, spec
+        self._receiver = replace(ready.receiver, correlated=correlated)
         self._states = ready.model.states
-        navigator = Navigator(run.initial, run.model, thinned(run.gps), ready.alignment, ready.nominal, self._settings)
+        navigator = Navigator(replace(run.keep_history(), gps=thinned(run.gps), receiver=self._receiver))
         imu = ready.first(LONGEST)
         navigator.feed(imu)
         rows = navigator.history().rows()
         time = rows[:, TIME]
-        at = layout(self._settings)
+        at = layout(self._receiver)
         self._lasting = at.correlated
-        self._tape = kernel.tape(rows, at.states, run.model.noise, bridged(imu.time, time), run.settings.rounding)
+        self._tape = kernel.tape(rows, at.states, run.model.noise, bridged(imu.time, time), run.rounding)
         self._offered = rows[:, SOURCE] == FIX
-        h, jitter = self._tape[7], ready.settings.jitter
+        h, jitter = self._tape[7], ready.receiver.jitter
         # fixes: timestamp jitter times speed and acceleration, the negative of the delay column; other aiding: its
         # noise
         measured = rows[:, SOURCE, None] != 0.0
         self._other = np.where(measured, rows[:, NOISE : NOISE + 36 : 7], 0.0)
         self._other[self._offered] = (jitter * h[self._offered][:, :, STATES]) ** 2
-        self._given = gps.time - ready.settings.delay
+        self._given = gps.time - ready.receiver.delay.value
         fix = np.searchsorted(self._given, time - 1e-4)
         fix = np.minimum(fix, gps.time.shape[0] - 1)
         self._sd = np.nan_to_num(np.hstack([gps.position_sd[fix], gps.velocity_sd[fix]]), nan=1.0)
@@ -225,7 +225,7 @@ class InnovationLikelihood:
         position, velocity, correlated = self.fixes_of(at)
         start = first_state(
             start_by(self._ready.initial, self._ready.alignment, model, position),
-            replace(self._settings, correlated=correlated),
+            replace(self._receiver, correlated=correlated),
         )
         mean = np.zeros(start.covariance.shape[0])
         mean[NAV : NAV + 3] = self._run.initial.gyro_bias - start.correction[:3]

@@ -19,11 +19,10 @@ from insnav.alignment import in_motion
 from insnav.attitude import dcm_from_quat, rph_from_quat, skew
 from insnav.earth import gravity_n, ned_offset
 from insnav.filter.error_model import first_state, layout
+from insnav.filter.filter_input import FilterInput
 from insnav.filter.gates import impossible, pass_quality
 from insnav.filter.innovation_likelihood import HUBER, bridged, costs_of, weights_of
 from insnav.filter.navigator import SEEN, rates_at, turned
-from insnav.filter.prepare import Prepared
-from insnav.filter.settings import FilterSettings
 from insnav.kernels import noise_likelihood
 from insnav.kernels.dynamics import NAV
 from insnav.kernels.measurements import STILL
@@ -61,17 +60,17 @@ class _Seen(NamedTuple):
 
 
 class LateFixes:
-    """Fixes of a record compared with a run. `epochs`: its rows. `settings`: of the filter that made them."""
+    """Fixes of a record compared with a run of the filter. `epochs`: its rows."""
 
-    def __init__(self, ready: Prepared, settings: FilterSettings, epochs: FloatArray) -> None:
-        at, time, gps = layout(settings), epochs[:, TIME], ready.gps
-        self._tape = noise_likelihood.tape(
-            epochs, at.states, ready.model.noise, bridged(ready.imu.time, time), settings.rounding
-        )
-        own = np.minimum(np.searchsorted(gps.time - settings.delay, time - TIME_TOLERANCE), gps.time.size - 1)
-        good = np.abs(gps.time[own] - settings.delay - time) <= TIME_TOLERANCE
+    def __init__(self, ready: FilterInput, epochs: FloatArray) -> None:
+        receiver, gates = ready.receiver, ready.gates
+        at, time, gps = layout(receiver), epochs[:, TIME], ready.gps
+        bridges = bridged(ready.imu.time, time)
+        self._tape = noise_likelihood.tape(epochs, at.states, ready.model.noise, bridges, ready.rounding)
+        own = np.minimum(np.searchsorted(ready.fix_time, time - TIME_TOLERANCE), gps.time.size - 1)
+        good = np.abs(ready.fix_time[own] - time) <= TIME_TOLERANCE
         # a position wrong by 100 km would dominate
-        good &= (pass_quality(settings.gates, gps) & ~impossible(settings.gates, gps))[own]
+        good &= (pass_quality(gates, gps) & ~impossible(gates, gps))[own]
         good &= (time > time[0] + EDGE) & (time < time[-1] - EDGE)
         fixes, seen, self._rows = gps.rows(own[good]), time[good], np.flatnonzero(good)
         velocity = good & np.isfinite(gps.v_n[own]).all(axis=1)
@@ -81,10 +80,10 @@ class LateFixes:
         self.accepted = float(np.mean(epochs[good, KIND] == self._kind[good])) if good.any() else 0.0
         self.velocities = bool(velocity.any())
         self.blocks, self.half = np.unique(self._block).size, 0.5 * float(time[-1] - time[0])
-        self.moments = settings.moments
-        self._at, self._model, self.lag, self._correlated = at, ready.model, settings.velocity_lag, settings.correlated
+        self.moments = receiver.lag.moments
+        self._at, self._model, self.lag, self._correlated = at, ready.model, receiver.lag.value, receiver.correlated
         self._variance = np.ones((time.size, 6))
-        share = 0.0 if settings.correlated is None else settings.correlated.share
+        share = 0.0 if receiver.correlated is None else receiver.correlated.share
         self._variance[good, :3] = (1.0 - share) * fixes.position_sd**2
         self._variance[good, 3:] = np.nan_to_num(fixes.velocity_sd**2, nan=1.0)
         # the state before the measurement is the state after it plus the feedback
@@ -97,12 +96,12 @@ class LateFixes:
         self.moves = bool(np.sum(v[usual] ** 2) > STILL * np.sum(unsure[usual]))
         taken = np.cumsum(np.vstack([np.zeros(at.states), fed[:-1]]), axis=0)[good]
         taken = np.hstack([taken, np.zeros((self._rows.size, 3))])  # -1 indexes these where an arm is no state
-        lever, shaken = (settings.lever_b - taken[:, k:][:, :3] for k in (at.lever, max(at.shaken, at.lever)))
+        lever, shaken = (receiver.lever_arm.value - taken[:, k:][:, :3] for k in (at.lever, max(at.shaken, at.lever)))
         lasting = np.zeros((self._rows.size, 6))
-        if settings.correlated is not None:  # feedback fades from its epoch on
-            size = settings.correlated.times.size
+        if receiver.correlated is not None:  # feedback fades from its epoch on
+            size = receiver.correlated.times.size
             left = np.zeros((time.size, size))
-            for k, fade in enumerate(np.exp(-np.diff(time)[:, None] / settings.correlated.times)):
+            for k, fade in enumerate(np.exp(-np.diff(time)[:, None] / receiver.correlated.times)):
                 left[k + 1] = (left[k] + fed[k, at.correlated : at.correlated + size]) * fade
             lasting[:, :size] = -left[good]
         parts = strapdown.intervals(ready.imu, ready.nominal)
@@ -120,7 +119,7 @@ class LateFixes:
         self._seen = _Seen(
             seen, away, fixes.v_n, off, v, lever, shaken, lasting, epochs[good, CORRECTION:ARM], here, turn
         )
-        self._start = first_state(ready.initial, settings).covariance
+        self._start = first_state(ready.initial, receiver).covariance
         self._start[:NAV, :NAV] += np.diag(np.repeat(OPEN_START, 3) ** 2)
         # allocated once: every delay fills the same places
         self._out, self._z, self._h = (
@@ -128,8 +127,8 @@ class LateFixes:
         )
         measured = 6 if self.velocities else 3
         self._h[self._rows, :measured, :measured] = np.eye(measured)
-        if settings.correlated is not None:
-            lasts = settings.correlated.sds.size
+        if receiver.correlated is not None:
+            lasts = receiver.correlated.sds.size
             self._h[self._rows, :, at.correlated : at.correlated + lasts] = np.eye(6)[:, :lasts]
         noise = ready.model.noise
         self._density = np.array([np.mean(noise[:3]), np.mean(noise[3:6]), *noise[18:]])

@@ -4,23 +4,26 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
 
 from insnav import spill
+from insnav.engine import share_of
 from insnav.exceptions import DivergenceError
 from insnav.filter.agreement import contradicted, unlikely
 from insnav.filter.ambiguity import resets_of, widen_by_jumps, with_wider_sd
+from insnav.filter.filter_input import FilterInput, Output
+from insnav.filter.gates import Gates
 from insnav.filter.gps_noise import heights_measured
 from insnav.filter.measurements import measurements_from_drive
 from insnav.filter.measurements.measurement import FirstPass
-from insnav.filter.measurements.sensors import NonHolonomic, ZeroVelocity
+from insnav.filter.measurements.sensors import HeightAiding, NonHolonomic, ZeroVelocity
 from insnav.filter.navigator import Navigator
-from insnav.filter.prepare import GivenStart, Prepared, prepare
+from insnav.filter.prepare import GivenStart, prepare
+from insnav.filter.receiver import Receiver
 from insnav.filter.run_recorder import on_grid
-from insnav.filter.settings import FilterSettings
 from insnav.findings import Code, Finding
 from insnav.imu.specification import ImuSpec
 from insnav.types import FloatArray, GpsData, ImuData, Run, Trajectory
@@ -39,9 +42,8 @@ class Navigated:
     """Run and its assumptions."""
 
     run: Run  # the result
-    gps: GpsData  # the fixes as processed, every value with a standard deviation
-    notes: tuple[Finding, ...] = field(default=())  # findings
-    ready: Prepared | None = None  # input of the navigation, including other aiding
+    ready: FilterInput  # input of the navigation, including other aiding
+    notes: tuple[Finding, ...] = ()  # findings
 
     @property
     def findings(self) -> tuple[Finding, ...]:
@@ -53,48 +55,57 @@ def navigate_recording(
     imu: ImuData,
     gps: GpsData,
     spec: ImuSpec,
-    settings: FilterSettings,
+    receiver: Receiver | None = None,
     *,
-    states: int = 21,
     known: GivenStart = GivenStart(),  # noqa: B008  # frozen
+    gates: Gates = Gates(),  # noqa: B008  # frozen
     aiding: AidingChoice = "auto",
-    progress: Callable[[float], None] | None = None,
+    output: Output | None = None,
 ) -> Navigated:
     """Navigate one recording: `prepare` it and feed it to the filter.
 
-    `states`: 21 or 15, with or without scale factor errors. `known`: inputs to the alignment. `aiding`: non-holonomic
-    constraint, odometer, ZUPT, barometer and `settings.logs`, calibrated in a first pass (auto: where there are logs or
-    GPS gaps). `progress`: called with the fraction done.
+    `receiver`: lever arm, delay and errors of the fixes. `known`: inputs to the alignment. `aiding`: non-holonomic
+    constraint, odometer, ZUPT and barometer, calibrated in a first pass (auto: where there are GPS gaps). `output`:
+    wanted results.
     Raises: InputError: no fixes, or an initial state outside the record. AlignmentError: the data do not determine the
     attitude. DivergenceError: the filter lost consistency.
     """
-    ready = prepare(imu, gps, spec, settings, states=states, known=known)
-    return navigate_prepared(ready, spec, aiding=aiding, progress=progress)
+    ready = prepare(imu, gps, spec, receiver or Receiver(), known=known)
+    return navigate_prepared(replace(ready, gates=gates, output=output or Output()), spec, aiding=aiding)
 
 
 def navigate_prepared(
-    ready: Prepared, spec: ImuSpec, *, aiding: AidingChoice = "auto", progress: Callable[[float], None] | None = None
+    ready: FilterInput,
+    spec: ImuSpec,
+    *,
+    aiding: AidingChoice = "auto",
+    widen: Callable[[Run], Run] | None = None,
+    progress: Callable[[float], None] | None = None,
 ) -> Navigated:
-    """Navigate an aligned recording; see `navigate_recording`."""
-    every = ready.settings.output_interval
-    ready = replace(ready, settings=replace(ready.settings, output_interval=dense(every)))
-    if aiding == "on" or (aiding == "auto" and (ready.settings.logs or _longest_gap(ready) > GAP_WORTH)):
-        first = _first_pass(ready, None if progress is None else _half_of(progress, 0.0))
-        progress = None if progress is None else _half_of(progress, 0.5)
+    """Navigate an aligned recording; see `navigate_recording`.
+
+    `widen`: by the remaining ambiguity of the record. `progress`: called with the fraction done.
+    """
+    every = ready.output.interval
+    held = any(isinstance(each, HeightAiding) for each in ready.aiding.measurements or ())
+    ready = replace(ready, output=replace(ready.output, interval=dense(every)))
+    if aiding == "on" or (aiding == "auto" and (ready.aiding.logs or _longest_gap(ready) > GAP_WORTH)):
+        first = _first_pass(ready, share_of(progress, 0.0, 0.5))
+        progress = share_of(progress, 0.5, 0.5)
         ready = _add_aiding(ready, first, spec)
         ready, run = _doubt_motion(*_standing(ready, _run(ready, progress)), first)
     else:
         ready, run = _standing(ready, _run(ready, progress))
     if run.smoothed is not None and (jumps := resets_of(run)):  # to fixes that may be false
         run = widen_by_jumps(run, jumps)
-    if run.smoothed is not None and ready.explanation is not None:
-        run = ready.explanation.widen(run)
-    outside = _outside(ready.gps.time - ready.settings.delay, ready.initial.time, float(ready.imu.time[-1]))
+    if run.smoothed is not None and widen is not None:
+        run = widen(run)
+    outside = _outside(ready.fix_time, ready.initial.time, float(ready.imu.time[-1]))
     events = (*ready.faults, *run.events, *outside)
     run = replace(thinned(run, every), events=events, gps_delay=run.gps_delay + ready.clock)
-    if not heights_measured(ready.gps.lla) and ready.settings.fixed_height_sd <= 0.0:
+    if not heights_measured(ready.gps.lla) and not held:
         run = with_wider_sd(run, lambda _, sd: np.hypot(sd, UNKNOWN_HEIGHT * np.eye(9)[2]))
-    return Navigated(run, ready.gps, (*ready.notes, *_axes(run, ready)), ready)
+    return Navigated(run, ready, (*ready.notes, *_axes(run, ready)))
 
 
 def dense(every: float) -> float:
@@ -121,78 +132,76 @@ def thinned(run: Run, every: float) -> Run:
     return replace(run, solution=few(run.solution), smoothed=smoothed, poses=poses)
 
 
-def aided(ready: Prepared, spec: ImuSpec, progress: Callable[[float], None] | None = None) -> Prepared:
+def aided(ready: FilterInput, spec: ImuSpec, progress: Callable[[float], None] | None = None) -> FilterInput:
     """Navigate once, calibrate the aiding by the smoothed solution, and add it to the settings with findings."""
     return _add_aiding(ready, _first_pass(ready, progress), spec)
 
 
-def _first_pass(ready: Prepared, progress: Callable[[float], None] | None) -> Run:
+def _first_pass(ready: FilterInput, progress: Callable[[float], None] | None) -> Run:
     """Navigate without the aiding that this run calibrates."""
-    settings = replace(ready.settings, smooth=True, output_interval=DENSE)
-    return _likelier(replace(ready, settings=settings), progress)
+    return _likelier(replace(ready, output=replace(ready.output, smooth=True, interval=DENSE)), progress)
 
 
-def _add_aiding(ready: Prepared, run: Run, spec: ImuSpec) -> Prepared:
+def _add_aiding(ready: FilterInput, run: Run, spec: ImuSpec) -> FilterInput:
     """Add the aiding that the first pass calibrates."""
     assert run.smoothed is not None
     # the solution is in fix time, shifted by the estimated minus the specified delay; the samples are not
-    clock = run.gps_delay - ready.settings.delay
+    clock = run.gps_delay - ready.receiver.delay.value
     solution = run.smoothed.solution
     first = FirstPass(
         replace(solution, time=solution.time - clock),
         ready.imu,
         replace(ready.gps, time=ready.gps.time - run.gps_delay),
         spec,
-        {log.name: log for log in ready.settings.logs},
+        {log.name: log for log in ready.aiding.logs},
     )
     found, notes = measurements_from_drive(first)
-    given = ready.settings.aiding or ()
-    aiding = (*given, *(each for each in found if each.name not in {other.name for other in given}))
+    given = ready.aiding.measurements or ()
+    used = (*given, *(each for each in found if each.name not in {other.name for other in given}))
     axes_sd = ready.model.axes_sd.copy()
-    if first.mounting is not None and any(each.name == NonHolonomic.name for each in aiding):
+    if first.mounting is not None and any(each.name == NonHolonomic.name for each in used):
         axes_sd[2] = max(axes_sd[2], first.mounting.sd[1])  # the direction of travel limits such a heading
-    model, settings = replace(ready.model, axes_sd=axes_sd), replace(ready.settings, aiding=aiding)
-    return replace(ready, model=model, settings=settings, notes=(*ready.notes, *notes))
+    return replace(ready.replace_aiding(used).add_notes(*notes), model=replace(ready.model, axes_sd=axes_sd))
 
 
-def _doubt_motion(ready: Prepared, run: Run, first: Run) -> tuple[Prepared, Run]:
+def _doubt_motion(ready: FilterInput, run: Run, first: Run) -> tuple[FilterInput, Run]:
     """Weaken the motion assumptions if the first pass, without them, makes the fixes more likely."""
-    aiding, cost = ready.settings.aiding or (), unlikely(run, ready.gps, ready.settings)
+    aiding, cost = ready.aiding.measurements or (), unlikely(run, ready)
     assumed = any(isinstance(each, ASSUMED) for each in aiding)
-    if not assumed or cost < unlikely(first, ready.gps, ready.settings) + CREEPS:
+    if not assumed or cost < unlikely(first, ready) + CREEPS:
         return ready, run
     weaker = (replace(each, sd=WEAKER * each.sd) if isinstance(each, ASSUMED) else each for each in aiding)
     note = Finding.of(Code.RECORD_MOTION, run.innovations.time[0], sd_factor=WEAKER)
-    other = replace(ready, settings=replace(ready.settings, aiding=tuple(weaker)), faults=(*ready.faults, note))
+    other = ready.replace_aiding(weaker).add_faults(note)
     freer = _run(other, None)
-    return (other, freer) if unlikely(freer, ready.gps, ready.settings) < cost - CREEPS else (ready, run)
+    return (other, freer) if unlikely(freer, ready) < cost - CREEPS else (ready, run)
 
 
-def _standing(ready: Prepared, run: Run) -> tuple[Prepared, Run]:
+def _standing(ready: FilterInput, run: Run) -> tuple[FilterInput, Run]:
     """Drop stops in gaps of the fixes, or all stops, if fixes contradict them: a creeping vehicle may not shake."""
-    settings, aiding = ready.settings, ready.settings.aiding or ()
+    aiding = ready.aiding.measurements or ()
     zupt = next((each for each in aiding if isinstance(each, ZeroVelocity)), None)
-    if zupt is None or run.smoothed is None or not contradicted(run, ready.gps, settings):
+    if zupt is None or run.smoothed is None or not contradicted(run, ready):
         return ready, run
-    edges = np.concatenate([[-np.inf], _fix_times(ready) - settings.delay, [np.inf]])
+    edges = np.concatenate([[-np.inf], ready.fix_time[ready.gps.valid], [np.inf]])
     rows = np.searchsorted(edges, zupt.stops)
     seen = np.array([np.diff(edges[a - 1 : b + 1]).max() <= GAP_WORTH for a, b in rows])
     others = tuple(each for each in aiding if each is not zupt)
     notes = tuple(note for note in ready.notes if note.code is not Code.ZUPT_USED)
-    least, best = unlikely(run, ready.gps, settings) - CREEPS, (ready, run)
+    least, best = unlikely(run, ready) - CREEPS, (ready, run)
     for kept in ([seen] if seen.any() and not seen.all() else []) + [np.zeros_like(seen)]:
         some = (replace(zupt, stops=zupt.stops[kept]),) * bool(kept.any())
         code = Code.ZUPT_PARTLY if some else Code.ZUPT_CONTRADICTED
         note = Finding.of(code, count=kept.sum(), total=kept.size)
-        bare = replace(ready, settings=replace(settings, aiding=(*others, *some)), notes=(*notes, note))
+        bare = replace(ready.replace_aiding((*others, *some)), notes=(*notes, note))
         other = _run(bare, None)
-        cost = unlikely(other, bare.gps, bare.settings)
-        if cost < least and not contradicted(other, bare.gps, bare.settings):  # otherwise the fixes are false
+        cost = unlikely(other, bare)
+        if cost < least and not contradicted(other, bare):  # otherwise the fixes are false
             least, best = cost, (bare, other)
     return best
 
 
-def _axes(run: Run, ready: Prepared) -> tuple[Finding, ...]:
+def _axes(run: Run, ready: FilterInput) -> tuple[Finding, ...]:
     """Report the irreducible part of the attitude's standard deviation, if it dominates."""
     sd = (run.smoothed or run).solution.sd
     axes = ready.model.axes_sd
@@ -202,7 +211,7 @@ def _axes(run: Run, ready: Prepared) -> tuple[Finding, ...]:
     if (own > axes).all():
         return ()
     source = "specification" if ready.noise is None else "innovations"
-    nhc = any(each.name == NonHolonomic.name for each in ready.settings.aiding or ())
+    nhc = any(each.name == NonHolonomic.name for each in ready.aiding.measurements or ())
     return (
         Finding.of(
             Code.ATTITUDE_AXES,
@@ -215,16 +224,11 @@ def _axes(run: Run, ready: Prepared) -> tuple[Finding, ...]:
     )
 
 
-def _longest_gap(ready: Prepared) -> float:
+def _longest_gap(ready: FilterInput) -> float:
     """Compute the longest time without a valid fix, including the end of the record [s]."""
-    time = _fix_times(ready)
+    time = ready.gps.time[ready.gps.valid]
     inside = time[(time > ready.initial.time) & (time < ready.imu.time[-1])]
     return float(np.diff(inside, prepend=ready.initial.time, append=ready.imu.time[-1]).max())
-
-
-def _fix_times(ready: Prepared) -> FloatArray:
-    """Return the times of valid fixes [s]."""
-    return ready.gps.time if ready.gps.fix is None else ready.gps.time[ready.gps.fix != 0]
 
 
 def feed(navigator: Navigator, imu: ImuData, progress: Callable[[float], None] | None = None) -> Navigator:
@@ -236,22 +240,18 @@ def feed(navigator: Navigator, imu: ImuData, progress: Callable[[float], None] |
     return navigator
 
 
-def _run(ready: Prepared, progress: Callable[[float], None] | None) -> Run:
-    return feed(ready.navigator(), ready.imu, progress).finish()
+def _run(ready: FilterInput, progress: Callable[[float], None] | None) -> Run:
+    return feed(Navigator(ready), ready.imu, progress).finish()
 
 
-def _likelier(ready: Prepared, progress: Callable[[float], None] | None) -> Run:
+def _likelier(ready: FilterInput, progress: Callable[[float], None] | None) -> Run:
     """Navigate; after resets, which false fixes in streets cause, accept all fixes if that is more likely."""
-    run, settings = _run(ready, progress), ready.settings
+    run = _run(ready, progress)
     if resets_of(run):
         with suppress(DivergenceError):
-            other = _run(replace(ready, settings=replace(settings, gates=settings.gates.believing())), None)
-            run = min(run, other, key=lambda each: unlikely(each, ready.gps, settings))
+            other = _run(replace(ready, gates=ready.gates.believing()), None)
+            run = min(run, other, key=lambda each: unlikely(each, ready))
     return run
-
-
-def _half_of(progress: Callable[[float], None], before: float) -> Callable[[float], None]:
-    return lambda done: progress(before + 0.5 * done)
 
 
 def _outside(fixes: FloatArray, start: float, end: float) -> list[Finding]:

@@ -8,7 +8,7 @@ samples and `SEEN`.
 
 from __future__ import annotations
 
-from collections.abc import Container, Sequence
+from collections.abc import Container
 from typing import Any
 
 import numpy as np
@@ -17,20 +17,20 @@ from insnav import strapdown
 from insnav.alignment.static import stays
 from insnav.exceptions import ConfigError
 from insnav.filter import gates as gate
-from insnav.filter.error_model import ErrorModel, FilterState, InitialState, Part, first_state
+from insnav.filter.error_model import FilterState, Part, first_state
 from insnav.filter.estimate import Estimate
+from insnav.filter.filter_input import FilterInput
 from insnav.filter.gps_noise import LAG_WORTH
 from insnav.filter.measurements.measurement import INTERVAL, FilterView, Measurement
 from insnav.filter.measurements.sensors import Heading
 from insnav.filter.run_recorder import Record
-from insnav.filter.settings import FilterSettings
 from insnav.filter.smoother import History
 from insnav.findings import Code, Finding
 from insnav.kernels.epoch import assess_fix, felt
 from insnav.kernels.errorstate import Outputs, Samples
 from insnav.kernels.increments import LOOKAHEAD
 from insnav.kernels.measurements import innovation
-from insnav.types import Alignment, FloatArray, GpsData, ImuData, Increments, Run
+from insnav.types import FloatArray, GpsData, ImuData, Increments, Run
 
 POSITION = (Code.GATE_POSITION, Code.DEWEIGHTED_POSITION)
 VELOCITY = (Code.GATE_VELOCITY, Code.DEWEIGHTED_VELOCITY)
@@ -47,73 +47,66 @@ FEWEST_REJECTIONS = 5  # before a reset: at low rates a second or two of multipa
 class Navigator:
     """Loosely coupled INS/GPS filter over a stream of IMU samples.
 
-    `start`: initial state; samples and fixes before its time are skipped. `nominal`: sampling interval [s]. `marks`:
-    rows of `gps` after which `kept` stores the whole state, to continue from. `parts`: restarts after long gaps of the
-    samples. `record`: collects the results; by default all of them.
+    `ready`: everything but the samples. `start`: state to continue from, by default the first start; samples and fixes
+    before its time are skipped. `marks`: rows of the fixes after which `kept` stores the whole state, to continue from.
+    `record`: collects the results; by default all of them.
 
     Examples
     --------
-    ``nav = Navigator(start, model, gps, alignment, 0.005)``, then ``nav.feed(block)`` for every block of samples, then
-    ``run = nav.finish()``.
+    ``nav = Navigator(ready)``, then ``nav.feed(block)`` for every block of samples, then ``run = nav.finish()``.
     """
 
     def __init__(
         self,
-        start: InitialState | FilterState,
-        model: ErrorModel,
-        gps: GpsData,
-        alignment: Alignment,
-        nominal: float,
-        settings: FilterSettings | None = None,
+        ready: FilterInput,
+        start: FilterState | None = None,
         marks: Container[int] = (),
-        parts: Sequence[Part] = (),
         record: Record | None = None,
     ) -> None:
-        settings = settings or FilterSettings()
-        if isinstance(start, InitialState):
-            start = first_state(start, settings)
-        self._settings, self._model, self._nominal, self._alignment = settings, model, nominal, alignment
+        start = start or first_state(ready.initial, ready.receiver)
+        self._ready, self._receiver, self._nominal = ready, ready.receiver, ready.nominal
+        model, nominal, output, lag = ready.model, ready.nominal, ready.output, ready.receiver.lag
         self._start, self._done, self._first = start.time, -np.inf, start.time
-        self.take_fixes(gps)
+        self.take_fixes(ready.gps)
         self._marks, self.kept = marks, dict[int, FilterState]()
-        self._coast = COAST if settings.aiding is None else settings.aided_every
-        rates_sd = np.sqrt(model.noise[:3] / nominal) if settings.with_poses else None
+        self._coast = COAST if ready.aiding.measurements is None else INTERVAL
+        rates_sd = np.sqrt(model.noise[:3] / nominal) if output.with_poses else None
         self._record = record or Record(self._fix.shape[0], rates_sd)
-        self._estimate = Estimate(start, model, settings, self._record.event, self._coast, alignment)
+        self._estimate = Estimate(ready, start, self._record.event, self._coast)
         self._record.epoch(start.time, self._estimate)
-        self._aiding = AidingUpdates(self._estimate, settings, self._record, gps, start.time)
+        self._aiding = AidingUpdates(self._estimate, ready, self._record, start.time)
         n = self._estimate.at.states
         self._z, self._h, self._sd = np.zeros(6), np.zeros((6, n)), np.zeros(6)
         self._r, self._s = np.zeros((6, 6)), np.zeros((6, 6))
-        every = settings.output_interval
-        self._grid = np.array([np.inf, every if every > 0.0 or not settings.with_poses else -1.0, 0.0])
+        every = output.interval
+        self._grid = np.array([np.inf, every if every > 0.0 or not output.with_poses else -1.0, 0.0])
         self._begin_grid(start.time)
         none = np.empty((0, 3))
         self._sensed, self._motion = (none, none, none, none), np.zeros(25)  # see `felt`
         noise = float(model.noise[:3].sum()) / nominal
         mean = 0.5 * nominal / SEEN  # noise reduction by the mean
         self._motion[9:11] = mean * NOISY**2 * noise, FAR_BEYOND**2 * noise
-        if len(settings.moments) > 1:  # the receiver's response to fast turns is unknown: do not use them for the arm
+        if len(lag.moments) > 1:  # the receiver's response to fast turns is unknown: do not use them for the arm
             self._motion[10] = np.inf
         if not self._late.any():  # older velocities have other noise than the mean
             self._motion[17] = NOISY**2 * float(model.noise[3:6].sum()) / (2.0 * SEEN)
         # newest samples wait; twice as many processed samples are kept
-        self._margin = MARGIN + int((SEEN + max(settings.moments) * abs(settings.velocity_lag)) / nominal)
+        self._margin = MARGIN + int((SEEN + max(lag.moments) * abs(lag.value)) / nominal)
         self._last_good = start.time  # time of the last accepted position
-        often = float(np.median(np.diff(gps.time))) if gps.time.shape[0] > 1 else 1.0
+        often = float(np.median(np.diff(ready.gps.time))) if ready.gps.time.shape[0] > 1 else 1.0
         self._broken = max(BROKEN, 2.5 * often)
         self._rejections: list[float] = []  # times of an unbroken run of rejected positions
         self._tail: ImuData | None = None
-        self._parts = [part for part in parts if part.initial.time > start.time]
+        self._parts = [part for part in ready.starts[1:] if part.initial.time > start.time]
 
     def take_fixes(self, gps: GpsData) -> None:
         """Replace all fixes; processed ones have no further effect."""
-        settings = self._settings
-        later = gps.time - settings.delay > self._first + strapdown.TIME_TOLERANCE
-        self._gps, self._fix, self._fix_time = gps, np.flatnonzero(later), gps.time[later] - settings.delay
+        delay, lag = self._receiver.delay.value, self._receiver.lag.value
+        later = gps.time - delay > self._first + strapdown.TIME_TOLERANCE
+        self._gps, self._fix, self._fix_time = gps, np.flatnonzero(later), gps.time[later] - delay
         own = np.full(gps.time.shape[0], True) if gps.fix is None else gps.fix != gate.OF_REFERENCE
         # age of the velocities [s]; a smaller lag is linear enough
-        self._late = own[later] * (settings.velocity_lag if abs(settings.velocity_lag) > LAG_WORTH else 0.0)
+        self._late = own[later] * (lag if abs(lag) > LAG_WORTH else 0.0)
         # first unprocessed fix
         done = max(self._done, self._start) + strapdown.TIME_TOLERANCE
         self._next = int(np.searchsorted(self._fix_time, done, side="right"))
@@ -152,11 +145,11 @@ class Navigator:
 
         A tenth of a millisecond before a pose of another point, too: its velocity needs the rate at the epoch.
         """
-        settings, span = self._settings, [begin, end + strapdown.TIME_TOLERANCE]
-        cuts = [some[slice(*some.searchsorted(span))] for some in (self._fix_time[self._next :], settings.epochs)]
-        if settings.point_b is not None:
+        output, span = self._ready.output, [begin, end + strapdown.TIME_TOLERANCE]
+        cuts = [some[slice(*some.searchsorted(span))] for some in (self._fix_time[self._next :], output.epochs)]
+        if output.point_b is not None:
             every, poses = self._grid[1], cuts[1]
-            if every > 0.0 and not settings.epochs.size:
+            if every > 0.0 and not output.epochs.size:
                 poses = every * np.arange(np.floor(begin / every), np.ceil(end / every) + 1.0)
             cuts += poses, poses - 100.0 * strapdown.TIME_TOLERANCE
         return np.sort(np.concatenate([*cuts, [self._start]]))
@@ -165,7 +158,7 @@ class Navigator:
         """Set the next epochs of the solution: whole multiples of the interval, and those wanted."""
         begin, every = time - strapdown.TIME_TOLERANCE, self._grid[1]
         self._grid[0] = every * np.ceil(begin / every) if every > 0.0 else np.inf
-        self._grid[2] = np.searchsorted(self._settings.epochs, begin)
+        self._grid[2] = np.searchsorted(self._ready.output.epochs, begin)
 
     def _close(self) -> None:
         """End with an epoch, so that every row lies between two epochs."""
@@ -213,7 +206,7 @@ class Navigator:
         for row, first, sign in ((0, at.lever, 1.0), (1, at.shaken, 1.0), (1, at.lever, -1.0)):
             if first >= 0:
                 by[row, :, first : first + 3] = sign * np.eye(3)
-        off = np.array([estimate.lever - self._settings.lever_b, estimate.shaken - estimate.lever])
+        off = np.array([estimate.lever - self._receiver.lever_arm.value, estimate.shaken - estimate.lever])
         return off, by @ estimate.covariance @ np.swapaxes(by, 1, 2)
 
     def finish(self) -> Run:
@@ -222,16 +215,9 @@ class Navigator:
             self._advance(None, last=True)
         estimate = self._estimate
         self._close()
-        return self._record.finish(
-            self._alignment,
-            self._settings,
-            estimate.lever,
-            self._model.axes_sd,
-            estimate.delay,
-            estimate.stated(),
-            estimate.covariance,
-            estimate.history.smooth(estimate.least_delay_sd) if estimate.history is not None else None,
-        )
+        found = estimate.history.smooth(estimate.least_delay_sd) if estimate.history is not None else None
+        stated = estimate.stated(), estimate.covariance
+        return self._record.finish(self._ready, estimate.lever, estimate.delay, *stated, found)
 
     def misfit(self) -> tuple[float, float]:
         """Misfit of the fixes so far, and their mean square; see `Record.misfit`."""
@@ -242,7 +228,7 @@ class Navigator:
         if self._tail is not None:
             self._advance(None, last=True)
         if self._estimate.history is None:
-            raise ConfigError("filter.no_epochs", where="settings.smooth")
+            raise ConfigError("filter.no_epochs", where="output.smooth")
         return self._estimate.history
 
     def _advance(self, imu: ImuData | None, *, last: bool) -> None:
@@ -276,7 +262,7 @@ class Navigator:
         angles, several, slow = turned(parts), [times], SEEN
         swings = older = self._sensed[3]
         if late.any():
-            several = [times - each * late for each in self._settings.moments]
+            several = [times - each * late for each in self._receiver.lag.moments]
             slow = SEEN if len(several) == 1 else max(SEEN, np.abs(late).max())
             reach = max(half, np.abs(late).max() * (len(several) - 1) / len(several) ** 2)
             swings = np.mean([rates_at(each - half, parts.end, angles, reach) for each in several], axis=0)
@@ -294,7 +280,7 @@ class Navigator:
         at = inc.time.searchsorted(fixes - strapdown.TIME_TOLERANCE)
         at = at[at < inc.time.shape[0]]
         rows = 3 + int((inc.time[-1] - inc.time[0]) / self._grid[1]) if self._grid[1] > 0.0 else inc.time.shape[0]
-        wanted = self._settings.epochs
+        wanted = self._ready.output.epochs
         rows += int(wanted.searchsorted(inc.time[-1] + 1.0)) - int(self._grid[2])
         out = self._record.reserve(rows, self._grid, wanted)
         samples = Samples(inc.time, inc.dt, inc.dtheta, inc.dvel, inc.coning, inc.sculling, gap)
@@ -332,7 +318,7 @@ class Navigator:
         estimate = self._estimate
         estimate.predict(time)
         late, at = self._late[self._next], estimate.at
-        still = stays(self._alignment, time)  # all rotation is noise
+        still = stays(self._ready.alignment, time)  # all rotation is noise
         felt(estimate.all, *self._sensed, number, late, at.has_arm, still, self._motion)
         row = self._fix[self._next]
         z, h, r = self._z, self._h, self._r
@@ -340,7 +326,7 @@ class Navigator:
         nis = nis_position, nis_velocity
         use = [True, nis_velocity == nis_velocity]
         fix = int(self._gps.fix[row]) if self._gps.fix is not None else None
-        quality = gate.quality(self._settings.gates, time, fix, self._gps.position_sd[row])
+        quality = gate.quality(self._ready.gates, time, fix, self._gps.position_sd[row])
         if quality is not None and fix in (0, gate.OF_REFERENCE):  # invalid fix, without velocity
             if estimate.history is not None:
                 estimate.history.measurement(False, False, z, h, r)
@@ -365,7 +351,7 @@ class Navigator:
         if use[0]:
             self._last_good = time
             self._rejections.clear()
-        elif quality is None and (self._settings.false is None or not self._settings.false[0, row]):
+        elif quality is None and (self._ready.explained.false is None or not self._ready.explained.false[0, row]):
             self._consider_reset(time, row)
         self._record.fix(time, z, self._sd, nis, use, estimate)
 
@@ -379,12 +365,12 @@ class Navigator:
 
     def _assess(self, row: int) -> tuple[float, float, float, float]:
         """Compute the innovation of a fix, its covariance, NIS of position and velocity, and their lengths."""
-        gps, settings, estimate = self._gps, self._settings, self._estimate
+        gps, receiver, estimate = self._gps, self._receiver, self._estimate
         found: tuple[float, float, float, float] = assess_fix(
             *(estimate.all, estimate.covariance, self._motion),
             *(gps.lla, gps.v_n, gps.position_sd, gps.velocity_sd, row),
-            *(gps.fix is None or gps.fix[row] != gate.OF_REFERENCE, self._late[self._next], settings.jitter),
-            *(settings.correlated.share if settings.correlated is not None else 0.0, estimate.places),
+            *(gps.fix is None or gps.fix[row] != gate.OF_REFERENCE, self._late[self._next], receiver.jitter),
+            *(receiver.correlated.share if receiver.correlated is not None else 0.0, estimate.places),
             *(self._z, self._h, self._r, self._s, self._sd),
         )
         return found
@@ -393,10 +379,10 @@ class Navigator:
         self, time: float, row: int, nis: tuple[float, float], distance: float, change: float, quality: Finding | None
     ) -> tuple[Finding | None, Finding | None]:
         """Return the findings that reject or de-weight position and velocity, or None."""
-        gates, gps = self._settings.gates, self._gps
+        gates, gps = self._ready.gates, self._gps
         position, velocity = None, None
-        if self._settings.false is not None:
-            position, velocity = gate.whole_record(time, row, self._settings.false, distance, change)
+        if self._ready.explained.false is not None:
+            position, velocity = gate.whole_record(time, row, self._ready.explained.false, distance, change)
         position = (
             position
             or quality
@@ -411,7 +397,7 @@ class Navigator:
 
     def _consider_reset(self, time: float, row: int) -> None:
         """Reset to the fix after a long unbroken run of rejected positions, with an event."""
-        gates, gps = self._settings.gates, self._gps
+        gates, gps = self._ready.gates, self._gps
         if self._rejections and time - self._rejections[-1] > self._broken:
             self._rejections.clear()
         self._rejections.append(time)
@@ -479,15 +465,13 @@ def since(times: FloatArray, late: FloatArray, parts: strapdown.Intervals) -> Fl
 class AidingUpdates:
     """Aiding updates of one estimate, from the time `start` [s] on; fixes may come with a heading."""
 
-    def __init__(
-        self, estimate: Estimate, settings: FilterSettings, record: Record, gps: GpsData, start: float
-    ) -> None:
-        self._estimate, self._gates, self._record = estimate, settings.gates, record
-        self._every, self._interval = settings.aiding, settings.aided_every
+    def __init__(self, estimate: Estimate, ready: FilterInput, record: Record, start: float) -> None:
+        self._estimate, self._gates, self._record = estimate, ready.gates, record
+        self._every = ready.aiding.measurements
         self._with_fixes: list[Measurement] = []
-        if settings.heading_sd > 0.0 and gps.heading is not None:
-            sd = np.array([settings.heading_sd])
-            self._with_fixes.append(Heading(gps.time - settings.delay, gps.heading, sd))
+        if ready.receiver.heading_sd > 0.0 and ready.gps.heading is not None:
+            sd = np.array([ready.receiver.heading_sd])
+            self._with_fixes.append(Heading(ready.fix_time, ready.gps.heading, sd))
         self._turned, self._last = np.zeros(4), start
         self._z, self._h, self._r = np.zeros(6), np.zeros((6, estimate.at.states)), np.zeros((6, 6))
 
@@ -508,30 +492,30 @@ class AidingUpdates:
             self._use(each, self._view(time, time, np.zeros(3)))
 
     def at_epoch(self, time: float) -> None:
-        """Use all other measurements, at most once per interval; the noise is scaled for those left out."""
-        if self._every is None or time - self._last < 0.9 * self._interval:
+        """Use all other measurements, at most once per `INTERVAL`."""
+        if self._every is None or time - self._last < 0.9 * INTERVAL:
             return
         view = self._view(self._last, time, self._turned[:3] / self._turned[3])
         self._turned[:] = 0.0
         self._last = time
         seen: set[str] = set()
         for each in self._every:
-            if not each.excluded_by & seen and self._use(each, view, INTERVAL / self._interval):
+            if not each.excluded_by & seen and self._use(each, view):
                 seen.add(each.name)
 
     def _view(self, begin: float, time: float, mean_gyro: FloatArray) -> FilterView:
         at = self._estimate
         return FilterView(begin, time, at.x, at.correction, at.motion[:3], mean_gyro, float(np.hypot(at.x[3], at.x[4])))
 
-    def _use(self, measurement: Measurement, at: FilterView, noise: float = 1.0) -> bool:
-        """Apply a measurement with its noise times `noise`, unless gated; return whether there was a measurement."""
+    def _use(self, measurement: Measurement, at: FilterView) -> bool:
+        """Apply a measurement, unless gated; return whether there was a measurement."""
         z, h, r, estimate = self._z, self._h, self._r, self._estimate
         part = measurement.observe(at, z, h)
         m = part.stop - part.start
         if m == 0:
             return False
         variance = np.ones(6)
-        variance[part] = noise * measurement.sd[:m] ** 2
+        variance[part] = measurement.sd[:m] ** 2
         nis = innovation(estimate.covariance, z, h, variance, part.start, part.stop, np.empty((m, m)))
         limit = self._gates.limit(m)
         self._record.aiding(measurement, z[part], nis, nis <= limit)

@@ -20,11 +20,11 @@ from numba.core.config import NUMBA_NUM_THREADS  # type: ignore[attr-defined]
 from insnav.exceptions import DivergenceError
 from insnav.filter import innovation_likelihood as likelihood
 from insnav.filter.error_model import error_model
+from insnav.filter.filter_input import FilterInput
 from insnav.filter.gates import Gates
 from insnav.filter.gps_noise import CARRIER, CorrelatedNoise
 from insnav.filter.innovation_likelihood import InnovationLikelihood, Parameter
 from insnav.filter.noise_estimate import Misalignment, NoiseEstimate, NoiseFigure, after_rest, misalignment
-from insnav.filter.prepare import Prepared
 from insnav.findings import CORRELATED_POSITIONS, Code, Finding
 from insnav.imu.specification import ImuSpec, level_bias
 from insnav.sample_statistics import chi2_limit
@@ -368,23 +368,23 @@ SUFFIXES = {
 }
 
 
-def identify_noise(ready: Prepared, spec: ImuSpec) -> DriveNoise | None:
+def identify_noise(ready: FilterInput, spec: ImuSpec, kinds: Sequence[ImuSpec] = ()) -> DriveNoise | None:
     """Estimate the noise of IMU and fixes from the innovations of one drive; None if not observable.
 
-    `spec`: IMU error specification of the preparation: the prior.
+    `spec`: IMU error specification of the preparation: the prior. `kinds`: alternatives, if none was specified.
     """
     drive = _likelihood(ready, spec)
     with suppress(DivergenceError):
-        return None if drive is None else identify([drive], ready.kinds)
+        return None if drive is None else identify([drive], kinds)
     return None
 
 
-def known_likelihood(ready: Prepared, spec: ImuSpec) -> tuple[InnovationLikelihood, FloatArray] | None:
+def known_likelihood(ready: FilterInput, spec: ImuSpec) -> tuple[InnovationLikelihood, FloatArray] | None:
     """Return innovations of a drive and its specified noise parameters; None as in `_likelihood`."""
     drive = _likelihood(ready, spec)
     if drive is None:
         return None
-    at, correlated = np.array([p.middle for p in drive.parameters]), ready.settings.correlated
+    at, correlated = np.array([p.middle for p in drive.parameters]), ready.receiver.correlated
     at[-2] = -np.inf
     if correlated is not None:
         part = min(correlated.share / drive.parameters[-2].most, likelihood.ALL)
@@ -392,12 +392,12 @@ def known_likelihood(ready: Prepared, spec: ImuSpec) -> tuple[InnovationLikeliho
     return drive, at
 
 
-def _likelihood(ready: Prepared, spec: ImuSpec) -> InnovationLikelihood | None:
+def _likelihood(ready: FilterInput, spec: ImuSpec) -> InnovationLikelihood | None:
     """Compute the innovations of a drive; None if it is too short, or the filter diverges."""
     if likelihood.thinned(ready.gps).time.shape[0] < FEWEST:
         return None
     # where gates reject most fixes by their reported sd, accept all
-    for gates in (ready.settings.gates, ready.settings.gates.believing()):
+    for gates in (ready.gates, ready.gates.believing()):
         with suppress(DivergenceError):
             drive = _with_gates(ready, spec, gates)
             if drive.fixes >= max(FEWEST, MOST_REJECTED * drive.offered):
@@ -405,9 +405,9 @@ def _likelihood(ready: Prepared, spec: ImuSpec) -> InnovationLikelihood | None:
     return None
 
 
-def _with_gates(ready: Prepared, spec: ImuSpec, gates: Gates) -> InnovationLikelihood:
+def _with_gates(ready: FilterInput, spec: ImuSpec, gates: Gates) -> InnovationLikelihood:
     """Run with given gates, without resets unless it is lost: a reset discards the effect of sensor errors."""
-    drive = InnovationLikelihood(replace(ready, settings=replace(ready.settings, gates=gates)), spec)
+    drive = InnovationLikelihood(replace(ready, gates=gates), spec)
     if drive.reset:
         with suppress(DivergenceError):
             without = _with_gates(ready, spec, replace(gates, reset_after=np.inf))
@@ -416,13 +416,13 @@ def _with_gates(ready: Prepared, spec: ImuSpec, gates: Gates) -> InnovationLikel
     return drive
 
 
-def with_noise(ready: Prepared, noise: NoiseEstimate) -> Prepared:
+def with_noise(ready: FilterInput, noise: NoiseEstimate) -> FilterInput:
     """Apply the estimated noise to a prepared recording."""
     notes = (*_without_correlated(ready.notes), *_report(noise))
     return _with_axes(replace(ready.apply_noise(noise), notes=notes), noise.axes)
 
 
-def with_careful_biases(ready: Prepared, assumed: ImuSpec) -> Prepared:
+def with_careful_biases(ready: FilterInput, assumed: ImuSpec) -> FilterInput:
     """Apply plausible upper values of biases for navigation, instead of the most likely biases.
 
     `assumed`: the IMU of the alignment.
@@ -430,8 +430,8 @@ def with_careful_biases(ready: Prepared, assumed: ImuSpec) -> Prepared:
     found = ready.noise
     if found is None:
         return ready
-    parts = tuple(replace(part, alignment=after_rest(part.alignment, assumed, found.spec)) for part in ready.parts)
-    ready = replace(ready, alignment=after_rest(ready.alignment, assumed, found.spec), parts=parts)
+    starts = tuple(replace(part, alignment=after_rest(part.alignment, assumed, found.spec)) for part in ready.starts)
+    ready = replace(ready, starts=starts)
     accel = np.minimum(found.careful_accel_bias, np.maximum(found.filter_spec.accel.bias, assumed.accel.bias))
     spec = replace(found.filter_spec, accel=replace(found.filter_spec.accel, bias=accel))
     model = replace(error_model(spec, ready.model.states), axes_sd=ready.model.axes_sd)
@@ -444,23 +444,23 @@ def usual_time() -> float:
     return float(np.exp(middle + AVERAGED["gps.correlation_time"] * sd**2))
 
 
-def with_usual_noise(ready: Prepared) -> Prepared:
+def with_usual_noise(ready: FilterInput) -> FilterInput:
     """Apply the usual time-correlated position errors, for a drive that does not determine them."""
-    if ready.settings.correlated is not None:
+    if ready.receiver.correlated is not None:
         return ready
     time, share = usual_time(), 1.0 / (1.0 + np.exp(-likelihood.SHARE[0]))
     usual = CorrelatedNoise(share, time, np.sqrt(share) * np.median(ready.gps.position_sd, axis=0))
     note = Finding.of(Code.ESTIMATE_CORRELATED_USUAL, share=share, time_s=time)
-    return replace(ready, settings=replace(ready.settings, correlated=usual), notes=(*ready.notes, note))
+    return ready.replace_correlated(usual).add_notes(note)
 
 
-def with_known_noise(ready: Prepared, spec: ImuSpec, *, lasting: bool, sizes: bool) -> Prepared:
+def with_known_noise(ready: FilterInput, spec: ImuSpec, *, lasting: bool, sizes: bool) -> FilterInput:
     """Apply the misalignments that the drive determines; keep the specified noise.
 
     `lasting`: also estimate the time-correlated errors of positions. `sizes`: also all their standard deviations, where
     these are assumed.
     """
-    lasting &= sizes or ready.settings.correlated is None
+    lasting &= sizes or ready.receiver.correlated is None
     needed = lasting or ready.model.axes_sd.any()
     known = known_likelihood(ready.beginning(ENOUGH_FOR_AXES), spec) if needed else None
     if known is None:
@@ -470,31 +470,30 @@ def with_known_noise(ready: Prepared, spec: ImuSpec, *, lasting: bool, sizes: bo
         with suppress(DivergenceError):
             ready = _with_axes(ready, misalignments([drive], at, 0.0)[0])
     if not lasting:
-        return replace(ready, faults=(*ready.faults, *_too_small(ready, *drive.normalised(at)[:2])))
+        return ready.add_faults(*_too_small(ready, *drive.normalised(at)[:2]))
     posterior = Posterior([drive.of_positions(sizes=sizes)])
     starts = [np.concatenate([posterior.middle[:-2], each]) for each in STARTS]
     top, covariance, (e, s, _) = posterior.climb(min(starts, key=lambda each: posterior.innovations(each)[2]), NEAR)
     faults = _too_small(ready, e, s)
     if faults:  # time-correlated errors would absorb other noise
-        return replace(ready, faults=(*ready.faults, *faults))
+        return ready.add_faults(*faults)
     plausible = posterior.plausible(top, covariance)
     position, _, correlated = posterior.drives[0].fixes_of(plausible[0])
     if sizes:
         ready = ready.scale_sds(ready.model, position, np.ones(3))
     estimates = [_figure(p, x, spec) for p, x in zip(posterior.parameters, plausible.T, strict=True)]
     more = *_report_factor(Code.ESTIMATE_POSITION_SD, position), _report_correlated(correlated, estimates)
-    settings, notes = replace(ready.settings, correlated=correlated), (*_without_correlated(ready.notes), *more)
-    return replace(ready, settings=settings, notes=notes)
+    return replace(ready.replace_correlated(correlated), notes=(*_without_correlated(ready.notes), *more))
 
 
-def _too_small(ready: Prepared, innovation: FloatArray, variance: FloatArray) -> tuple[Finding, ...]:
+def _too_small(ready: FilterInput, innovation: FloatArray, variance: FloatArray) -> tuple[Finding, ...]:
     """Report innovations larger than the specified noise allows, robust against false fixes."""
     size = float(np.mean(np.minimum(innovation**2 / variance, likelihood.HUBER**2)))
     given = Finding.of(Code.GIVEN_NOISE, ready.initial.time, mean_square=size, limit_mean_square=TOO_SMALL)
     return (given,) * bool(size > TOO_SMALL)
 
 
-def _with_axes(ready: Prepared, found: Misalignment) -> Prepared:
+def _with_axes(ready: FilterInput, found: Misalignment) -> FilterInput:
     """Correct samples by the estimated misalignments, with the remaining attitude uncertainty.
 
     This applies only if misalignments are more likely than none. Only the bias prior separates roll and pitch from
@@ -513,7 +512,7 @@ def _without_correlated(notes: tuple[Finding, ...]) -> list[Finding]:
     return [note for note in notes if note.code not in CORRELATED_POSITIONS]
 
 
-def understated(ready: Prepared, read: GpsData) -> tuple[Finding, ...]:
+def understated(ready: FilterInput, read: GpsData) -> tuple[Finding, ...]:
     """Report innovations far larger than the reported standard deviations of the fixes `read`."""
     found = ready.noise
     if found is None or not np.isfinite(read.position_sd).all():

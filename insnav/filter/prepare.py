@@ -2,42 +2,37 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Container
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
 from insnav import spill, strapdown
 from insnav.alignment import align, stationary_of
 from insnav.alignment import in_motion as motion
-from insnav.alignment.align import LEVEL_SPAN, away, count_false_start, without_false_motion
+from insnav.alignment.align import LEVEL_SPAN, count_false_start, without_false_motion
 from insnav.alignment.static import LONG_REST
 from insnav.exceptions import AlignmentError, InputError
 from insnav.filter.error_model import ErrorModel, InitialState, Part, error_model, initial_state
+from insnav.filter.filter_input import LONGEST_REST, FilterInput
 from insnav.filter.gates import Gates, pass_quality, without_frozen
-from insnav.filter.gps_noise import LAG_WORTH, OPEN_SD, correlated_noise, name_lag, velocity_lag, with_sd
-from insnav.filter.measurements.sensors import HeightAiding
-from insnav.filter.navigator import Navigator
-from insnav.filter.noise_estimate import NoiseEstimate, start_by
-from insnav.filter.run_recorder import Record
-from insnav.filter.settings import FilterSettings
+from insnav.filter.gps_noise import LAG_WORTH, correlated_noise, name_lag, velocity_lag, with_sd
+from insnav.filter.receiver import Lag, Receiver
 from insnav.findings import Code, Finding
 from insnav.imu.health import inspect
 from insnav.imu.noise_density import rounding_changes
 from insnav.imu.specification import ImuSpec
-from insnav.types import Alignment, FloatArray, GpsData, ImuData, Run
+from insnav.types import Alignment, FloatArray, GpsData, ImuData
 
 STILL_SD = 0.05  # velocity of a vehicle that the alignment found stationary, engine running [m/s]
 JITTER_WORTH = 1e-4  # a smaller timestamp scatter is rounding; at 30 m/s it makes 3 mm [s]
-DELAY_SD = 0.05  # agreement of receivers and loggers on time, without other information [s]
 LONGEST_GAP = 3.0  # longest bridged data gap: the turn in a longer gap is unknown [s]
 SHORTEST = 10.0  # shorter parts are not navigated: they are too short for an alignment [s]
 FEWEST_FIXES = 5  # for a separately aligned part of the record
 ROUNDS = 3  # of alignment, and of fixes minus the lever arm in its attitude
 AFTER = 2.0 * motion.SPAN + LEVEL_SPAN  # the first motion, or the start: alignment uses no later data [s]
-LONGEST_REST = 3600.0  # longest initial stationary time that is looked for [s]
 START_VELOCITY_SD = 0.1  # lever arm and rotation between antenna and IMU at the start, added to the fix [m/s]
 
 
@@ -63,126 +58,27 @@ class GivenStart:
     state: Start | None = None
     static_span: tuple[float, float] | None = None  # stationary interval [s]
     heading: float | None = None  # at the start [rad]
-
-
-class Explains(Protocol):
-    """Faults of a record; see `insnav.explain.explanation.Explanation`."""
-
-    def widen(self, run: Run) -> Run:
-        """Widen the standard deviations by the remaining ambiguity of the record."""
-
-
-@dataclass(frozen=True, slots=True)
-class Prepared:
-    """A recording ready for the filter."""
-
-    imu: ImuData  # samples, calibrated
-    gps: GpsData  # fixes, every value with a standard deviation
-    model: ErrorModel  # noise of the sensors
-    settings: FilterSettings  # with lag, jitter and time-correlated errors estimated from the data
-    alignment: Alignment  # initial attitude
-    initial: InitialState  # initial state
-    nominal: float  # sampling interval [s]
-    notes: tuple[Finding, ...]  # findings
-    faults: tuple[Finding, ...] = ()  # samples that were replaced or removed
-    noise: NoiseEstimate | None = None  # estimate from the innovations of the drive
-    kinds: tuple[ImuSpec, ...] = ()  # alternative kinds of IMU, if none was specified
-    parts: tuple[Part, ...] = ()  # restarts after long gaps of the samples
-    clock: float = 0.0  # shift of the samples to fix time [s]: the estimated delay
-    rate: float = 0.0  # rate of this shift [s/s]
-    explanation: Explains | None = None  # faults found in the record; `settings` has the filter's share
-
-    @property
-    def findings(self) -> tuple[Finding, ...]:
-        """Findings, including sample faults."""
-        return (*self.notes, *self.faults)
-
-    def navigator(self, marks: Container[int] = (), record: Record | None = None) -> Navigator:
-        """Build the filter at its start; see `Navigator` for `marks` and `record`."""
-        begin = self.initial, self.model, self.gps, self.alignment, self.nominal, self.settings
-        return Navigator(*begin, marks, self.parts, record)
-
-    def unbroken_until(self, time: float) -> float:
-        """Return the end of the part of the record around a time [s]."""
-        return min((part.after for part in self.parts if part.after >= time), default=float(self.imu.time[-1]))
-
-    def longest_part(self) -> Prepared:
-        """Copy with the samples of the longest part only."""
-        if not self.parts:
-            return self
-        starts = [(self.alignment, self.initial), *((part.alignment, part.initial) for part in self.parts)]
-        ends = [*(part.after for part in self.parts), float(self.imu.time[-1])]
-        number = int(np.argmax([end - initial.time for (_, initial), end in zip(starts, ends, strict=True)]))
-        alignment, initial = starts[number]
-        begin = -np.inf if number == 0 else ends[number - 1]
-        rows = (self.imu.time > begin) & (self.imu.time <= ends[number])
-        return replace(self, imu=self.imu.rows(rows), alignment=alignment, initial=initial, parts=())
-
-    def _rest(self) -> float:
-        """Compute the initial stationary time by the fixes, or 0 if it is short [s]."""
-        time = self.gps.time - self.initial.time
-        gps = self.gps.rows(np.flatnonzero((time > 0.0) & (time < LONGEST_REST)))
-        if gps.time.shape[0] == 0:
-            return 0.0
-        left = np.flatnonzero(away(gps, gps.lla[0]))
-        length = float(gps.time[left[0]] - self.initial.time) if left.size else 0.0
-        return length if length > LONG_REST else 0.0
-
-    def started(self, alignment: Alignment) -> Prepared:
-        """Copy with another alignment, at that alignment's time."""
-        good = good_fixes(replace(self.gps, time=self.gps.time - self.settings.delay), self.settings.gates)
-        good = _without_false_start(good)
-        until = int(np.searchsorted(self.imu.time, alignment.time + AFTER))
-        parts = strapdown.intervals(self.imu.rows(slice(until)), self.nominal)
-        initial = _at_fix(alignment, parts, good, self.model, self.settings)
-        return replace(self, alignment=alignment, initial=initial)
-
-    def apply_noise(self, found: NoiseEstimate) -> Prepared:
-        """Copy with the estimated noise, except misalignments."""
-        model = error_model(found.filter_spec, self.model.states)
-        scaled = self.scale_sds(model, found.position_factor, found.velocity_factor)
-        return replace(scaled, model=model, settings=replace(self.settings, correlated=found.correlated), noise=found)
-
-    def scale_sds(self, model: ErrorModel, position: FloatArray, velocity: FloatArray) -> Prepared:
-        """Scale the standard deviations of fixes by (3,) each [-], and adapt the starts to these and an error model."""
-        position_sd = self.gps.position_sd * np.where(self.gps.position_sd < OPEN_SD, position, 1.0)
-        gps = replace(self.gps, position_sd=position_sd, velocity_sd=self.gps.velocity_sd * velocity)
-        initial = start_by(self.initial, self.alignment, model, position)
-        starts = [start_by(part.initial, part.alignment, model, position) for part in self.parts]
-        parts = tuple(replace(part, initial=start) for part, start in zip(self.parts, starts, strict=True))
-        return replace(self, gps=gps, initial=initial, parts=parts)
-
-    def first(self, length: float) -> ImuData:
-        """Return a long initial stationary time, which hardly determines delay or noise, and `length` seconds more."""
-        until = self.initial.time + self._rest() + length
-        return self.imu.rows(slice(int(np.searchsorted(self.imu.time, until, side="right"))))  # a view
-
-    def beginning(self, length: float) -> Prepared:
-        """Copy the first `length` seconds of the longest part, for searches; joins samples unless some are missing."""
-        part = self.longest_part()
-        imu = part.first(length)
-        part = replace(part, imu=imu)
-        samples = strapdown.joined([strapdown.intervals(imu, self.nominal)])
-        if samples.gap.any() or samples.end.shape[0] == imu.time.shape[0]:
-            return part
-        imu = ImuData(samples.end, samples.gyro, samples.accel, "increment")
-        return replace(part, imu=imu, nominal=strapdown.nominal_interval(imu.time))
+    mounting_yaw: float = 0.0  # of the IMU in the vehicle, to the right [rad]; see `insnav.alignment.mounting`
 
 
 def prepare(
     imu: ImuData,
     gps: GpsData,
     spec: ImuSpec,
-    settings: FilterSettings,
+    receiver: Receiver,
     *,
     states: int = 21,
     known: GivenStart = GivenStart(),  # frozen
     nominal: float | None = None,
     as_given: bool = False,
-) -> Prepared:
-    """Prepare a recording for the filter, and align; see `navigate_recording`.
+) -> FilterInput:
+    """Prepare a recording for the filter, and align.
 
-    `nominal`: sampling interval, by default from the samples [s]. `as_given`: estimate no noise.
+    `spec`: of the IMU. `receiver`: specified or assumed. `states`: 21 or 15, with or without scale factor errors.
+    `known`: inputs to the alignment. `nominal`: sampling interval, by default from the samples [s]. `as_given`:
+    estimate no noise.
+    Raises: InputError: no fixes, or an initial state outside the record. AlignmentError: the data do not determine the
+    attitude.
     """
     start, static_span = known.state, known.static_span
     imu, faults = inspect(imu)
@@ -190,10 +86,10 @@ def prepare(
     reported = bool(np.isfinite(gps.position_sd).all())
     gps, notes = with_sd(gps)
     gps, frozen = without_frozen(gps, imu)
-    settings, found = (settings, []) if as_given else _noise_of_fixes(imu, gps, settings, reported=reported)
+    receiver, found = (receiver, []) if as_given else _noise_of_fixes(imu, gps, receiver, reported=reported)
     model = error_model(spec, states)
     nominal = nominal or strapdown.nominal_interval(imu.time)
-    good = good_fixes(replace(gps, time=gps.time - settings.delay), settings.gates) if start is None else gps
+    good = good_fixes(replace(gps, time=gps.time - receiver.delay.value)) if start is None else gps
     if start is None and (false := count_false_start(good)):
         left_out = Finding.of(Code.ALIGN_FALSE_START, good.time[0], good.time[false], subject="gps", count=false)
         good, notes = good.rows(slice(false, None)), (*notes, left_out)
@@ -205,19 +101,19 @@ def prepare(
         inside = static_span is not None and some.time[0] - nominal <= static_span[0] < some.time[-1]
         seen = fixes = _resting(some, here)
         intervals = strapdown.intervals(_first_part(some, seen), nominal)
-        for left in reversed(range(ROUNDS if settings.lever_b.any() else 1)):
+        for left in reversed(range(ROUNDS if receiver.lever_arm.value.any() else 1)):
             found = align(
                 intervals,
                 spec,
                 fixes,
                 static_span=static_span if first or inside else None,
                 heading=known.heading if first else None,
-                yaw=settings.mounting_yaw,
-                lever_sd=settings.lever_sd,
+                yaw=known.mounting_yaw,
+                lever_sd=receiver.lever_arm.sd,
             )
             if left:  # in a turn, the course belongs to the antenna
-                fixes = motion.at_imu(seen, intervals, found, settings.lever_b)
-        return found, _at_fix(found, intervals, here, model, settings)
+                fixes = motion.at_imu(seen, intervals, found, receiver.lever_arm.value)
+        return found, _at_fix(found, intervals, here, model, receiver)
 
     imu, parts, of_parts = _parts(imu, good, aligned, -np.inf if start is None else start.time)
     alignment, initial = parts[0].alignment, parts[0].initial
@@ -227,15 +123,20 @@ def prepare(
     begin = float(max(imu.time[0], good.time[0]))
     if start is None and initial.time - begin > LONG_REST:
         notes = (*notes, Finding.of(Code.ALIGN_LATE, begin, initial.time, duration_s=initial.time - begin))
-    if settings.fixed_height_sd > 0.0:
-        level = HeightAiding(np.array([initial.time]), initial.lla[2:], np.array([settings.fixed_height_sd]))
-        settings = replace(settings, aiding=(level,))
-    settings = replace(settings, rounding=() if as_given else rounding_changes(imu))
-    return Prepared(
-        *(imu, gps, model, settings, alignment, initial, nominal, (*notes, *found)),
+    return FilterInput(
+        *(imu, gps, model, parts, nominal, receiver),
+        rounding=() if as_given else rounding_changes(imu),
+        notes=(*notes, *found),
         faults=(*faults, *frozen, *of_parts[1:]),
-        parts=parts[1:],
     )
+
+
+def align_again(ready: FilterInput, alignment: Alignment) -> FilterInput:
+    """Copy with another alignment, at that alignment's time."""
+    good = _without_false_start(good_fixes(replace(ready.gps, time=ready.fix_time), ready.gates))
+    until = int(np.searchsorted(ready.imu.time, alignment.time + AFTER))
+    parts = strapdown.intervals(ready.imu.rows(slice(until)), ready.nominal)
+    return ready.replace_start(alignment, _at_fix(alignment, parts, good, ready.model, ready.receiver))
 
 
 def _as_given(start: Start, model: ErrorModel) -> tuple[Alignment, InitialState]:
@@ -303,7 +204,7 @@ def spans(imu: ImuData) -> list[slice]:
 
 def first_stationary(imu: ImuData, gps: GpsData) -> tuple[float, float] | None:
     """Find the first stationary interval by IMU and GPS: start and end [s], or None."""
-    gps = _resting(imu, _without_false_start(good_fixes(with_sd(gps)[0], Gates())))
+    gps = _resting(imu, _without_false_start(good_fixes(with_sd(gps)[0])))
     return stationary_of(strapdown.intervals(_first_part(imu, gps), strapdown.nominal_interval(imu.time)), gps)
 
 
@@ -321,29 +222,30 @@ def _check(imu: ImuData, gps: GpsData, start: Start | None) -> None:
 
 
 def _noise_of_fixes(
-    imu: ImuData, gps: GpsData, settings: FilterSettings, *, reported: bool
-) -> tuple[FilterSettings, list[Finding]]:
-    """Estimate velocity lag, time-correlated errors and timestamp jitter for the settings, with findings."""
+    imu: ImuData, gps: GpsData, receiver: Receiver, *, reported: bool
+) -> tuple[Receiver, list[Finding]]:
+    """Estimate velocity lag, time-correlated errors and timestamp jitter of a receiver, with findings."""
     notes = []
     lag, lag_sd = velocity_lag(gps)
     if abs(lag) > max(LAG_WORTH, 5.0 * lag_sd):
-        settings = replace(settings, velocity_lag=lag)
+        receiver = replace(receiver, lag=Lag(lag))
         notes.append(name_lag(lag, lag_sd))
-    correlated = correlated_noise(gps, settings.velocity_lag, reported=reported)
+    correlated = correlated_noise(gps, receiver.lag.value, reported=reported)
     if correlated is not None:
-        settings = replace(settings, correlated=correlated)
+        receiver = replace(receiver, correlated=correlated)
         code = Code.GPS_CORRELATED_REPORTED if correlated.by_reported else Code.GPS_CORRELATED_VELOCITY
         notes.append(Finding.of(code, share=correlated.share, time_s=correlated.time))
     step = np.diff(imu.time[: 1 << 16])
     jitter = float(np.std(step[step < strapdown.GAP * np.median(step)]))
     if jitter > JITTER_WORTH:
-        settings = replace(settings, jitter=jitter)
+        receiver = replace(receiver, jitter=jitter)
         notes.append(Finding.of(Code.IMU_JITTER, jitter_s=jitter, limit_s=JITTER_WORTH))
-    return settings, notes
+    return receiver, notes
 
 
-def good_fixes(gps: GpsData, gates: Gates) -> GpsData:
+def good_fixes(gps: GpsData, gates: Gates | None = None) -> GpsData:
     """Return fixes that pass the quality gate; a start uses only these."""
+    gates = gates or Gates()
     keep = pass_quality(gates, gps)
     if not keep.any():
         least = float(gps.position_sd.max(axis=1).min())
@@ -375,21 +277,22 @@ def _first_part(imu: ImuData, gps: GpsData) -> ImuData:
 
 
 def _at_fix(
-    alignment: Alignment, parts: strapdown.Intervals, gps: GpsData, model: ErrorModel, settings: FilterSettings
+    alignment: Alignment, parts: strapdown.Intervals, gps: GpsData, model: ErrorModel, receiver: Receiver
 ) -> InitialState:
     """Build the initial state at the fix of the alignment."""
-    if settings.lever_b.any():
-        gps = motion.at_imu(gps, parts, alignment, settings.lever_b)
+    lever_b = receiver.lever_arm.value
+    if lever_b.any():
+        gps = motion.at_imu(gps, parts, alignment, lever_b)
     row = int(np.argmin(np.abs(gps.time - alignment.time)))
     alignment = replace(alignment, time=float(gps.time[row]))
     # an uncertain heading rotates the horizontal part of the lever arm, an error of at most its length
-    horizontal = float(np.hypot(settings.lever_b[0], settings.lever_b[1]))
+    horizontal = float(np.hypot(lever_b[0], lever_b[1]))
     position_sd = np.hypot(gps.position_sd[row], horizontal * min(float(alignment.sd[2]), 1.0))
     if alignment.static is not None:
         v_n, velocity_sd = np.zeros(3), np.full(3, STILL_SD)
     elif np.isfinite(gps.v_n[row]).all():
         v_n, velocity_sd = gps.v_n[row], np.hypot(gps.velocity_sd[row], START_VELOCITY_SD)
     else:
-        v_n, velocity_sd = motion.start_velocity(parts, alignment, gps, settings.lever_sd)
+        v_n, velocity_sd = motion.start_velocity(parts, alignment, gps, receiver.lever_arm.sd)
         velocity_sd = np.hypot(velocity_sd, START_VELOCITY_SD)
     return initial_state(alignment, model, gps.lla[row], v_n, position_sd, velocity_sd, from_fix=True)

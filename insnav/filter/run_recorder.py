@@ -13,8 +13,8 @@ from insnav.earth import earth_rate_n, lla_offset
 from insnav.exceptions import InputError
 from insnav.filter.error_model import Layout, layout
 from insnav.filter.estimate import Estimate
+from insnav.filter.filter_input import FilterInput
 from insnav.filter.measurements.measurement import Measurement
-from insnav.filter.settings import FilterSettings
 from insnav.filter.smoother import SmoothedErrors
 from insnav.findings import Code, Finding, by_time
 from insnav.kernels import epoch
@@ -25,7 +25,6 @@ from insnav.kernels.smoother import correct
 from insnav.strapdown import TIME_TOLERANCE
 from insnav.types import (
     AidingUse,
-    Alignment,
     BoolArray,
     Epochs,
     FloatArray,
@@ -164,17 +163,15 @@ class Record:
 
     def finish(
         self,
-        alignment: Alignment,
-        settings: FilterSettings,
+        ready: FilterInput,
         lever_b: FloatArray,
-        axes_sd: FloatArray,
         delay: float,
         covariance: FloatArray,
         alone: FloatArray,
         found: SmoothedErrors | None,
     ) -> Run:
         """Convert everything; `covariance` as stated, `alone` as in the filter."""
-        at, fixes = layout(settings), self._fixes[: self._count]
+        at, output, fixes = layout(ready.receiver), ready.output, self._fixes[: self._count]
         time, state = fixes[:, epoch.FIX_TIME].copy(), fixes[:, epoch.FIX_STATE].copy()
         fix_covariance = fixes[:, epoch.FIX_COVARIANCE].reshape(-1, NAV, NAV)
         if np.ptp(self._epochs[: self._epoch, 0]) == 0.0:
@@ -183,9 +180,9 @@ class Record:
             *(time, -fixes[:, epoch.FIX_INNOVATION], fixes[:, epoch.FIX_SD].copy()),
             *(*fixes[:, epoch.FIX_NIS].T.copy(), *fixes[:, epoch.FIX_USE].T.astype(bool)),
         )
-        self._events += _divergence(innovations, settings.gates.nis_limit)
+        self._events += _divergence(innovations, ready.gates.nis_limit)
         # an estimated clock offset is attributed to the IMU: GPS time is more accurate
-        clock = delay if settings.delay_sd > 0 else 0.0
+        clock = delay if ready.receiver.delay.sd > 0 else 0.0
         delay_sd = float(np.sqrt(covariance[STATES, STATES])) if at.delay >= 0 else 0.0
         if clock != 0.0:  # the offset estimated at that time shifted the state along its velocity
             move_along(state, clock - fixes[:, epoch.FIX_DELAY])
@@ -194,7 +191,7 @@ class Record:
             epochs[:, 0],
             (epochs[:, 1:13], epochs[:, 13:25]),
             lambda time, state: move_along(state, clock - epochs[_before(time, epochs[:, 0]), 25]),
-            (clock, delay_sd, axes_sd),
+            (clock, delay_sd, ready.model.axes_sd),
             found is None,
         )
         for block in spill.blocks(self._count):
@@ -208,7 +205,7 @@ class Record:
                 found.time,
                 (both, both),
                 lambda time, state: correct(time, state, found.time, found.after, found.before),
-                (clock, delay_sd, axes_sd),
+                (clock, delay_sd, ready.model.axes_sd),
                 True,
             )
             smoothed = _smoothed(track, found, clock, moved)
@@ -218,8 +215,8 @@ class Record:
         poses = None
         if self._rate_sd is not None:
             best, known = (filtered, states) if smoothed is None else (smoothed.solution, smoothed.epochs)
-            poses = poses_of(best, rates, known, settings.epochs, settings.point_b, self._rate_sd)
-            grid = on_grid(filtered.time, settings.output_interval)
+            poses = poses_of(best, rates, known, output.epochs, output.point_b, self._rate_sd)
+            grid = on_grid(filtered.time, output.interval)
             filtered = filtered.rows(grid)
             smoothed = smoothed and replace(smoothed, solution=smoothed.solution.rows(grid))
         return Run(
@@ -228,9 +225,9 @@ class Record:
             innovations=innovations,
             sensor_errors=SensorErrors(time + clock, sensor.copy(), np.sqrt(variance)),
             events=by_time(self._events),
-            alignment=alignment,
+            alignment=ready.alignment,
             epochs=states,
-            gps_delay=settings.delay + delay,
+            gps_delay=ready.receiver.delay.value + delay,
             gps_delay_sd=delay_sd,
             smoothed=smoothed,
             lever_b=lever_b.copy(),

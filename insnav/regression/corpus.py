@@ -22,7 +22,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -33,8 +33,9 @@ from insnav.attitude import quat_from_rotvec, quat_from_rph, quat_multiply, rph_
 from insnav.config_file import Axes, Table, axes, read_toml, refuse, scalar, validate, wrong
 from insnav.earth import lla_offset
 from insnav.exceptions import ConfigError, InputError
-from insnav.filter.prepare import DELAY_SD, first_stationary
-from insnav.filter.settings import FilterSettings
+from insnav.filter.gates import Gates
+from insnav.filter.prepare import first_stationary
+from insnav.filter.receiver import DELAY_SD, Delay, LeverArm, Receiver
 from insnav.imu import ImuSpec, identify, load_imu
 from insnav.imu.imu_file import to_toml
 from insnav.input import read_gps, read_imu, read_reference
@@ -186,7 +187,7 @@ class Material:
     imu: ImuData
     gps: GpsData
     spec: ImuSpec  # IMU specification for the filter
-    settings: FilterSettings  # of the filter
+    receiver: Receiver
     truth: Trajectory  # the reference
     truth_lever_b: FloatArray  # (3,) the point of the truth seen from the IMU, body axes [m]
     exact: GpsData | None  # better antenna positions as outage reference; None for the fixes
@@ -196,6 +197,7 @@ class Material:
     min_speed: float = 0.0  # slower epochs of the truth are ignored [m/s]
     remove_offset: bool = False  # ignore a constant position difference
     block: float = 0.0  # length of the evaluated pieces [s]; zero for a single piece
+    gates: Gates = field(default_factory=Gates)  # of the filter
 
 
 class SimulatedSource:
@@ -214,7 +216,7 @@ class SimulatedSource:
         exact = gps_from_truth(self._truth, times(self._truth, _EXACT_RATE)[1:], lever_b)
         sd = np.full_like(exact.lla, _EXACT_SD)
         self._exact = replace(exact, position_sd=sd, velocity_sd=sd)
-        self._settings = FilterSettings(lever_b=lever_b, delay_sd=DELAY_SD)
+        self._receiver = Receiver(LeverArm(lever_b), Delay(sd=DELAY_SD))
         self.files: dict[str, str] = {}
         self.digest = digest(case, {"profile": profile.text, "imu": to_toml(self._spec), "gps": gps_to_toml(self._gps)})
 
@@ -225,7 +227,7 @@ class SimulatedSource:
             made.imu,
             made.gps,
             self._spec,
-            self._settings,
+            self._receiver,
             made.reference,
             np.zeros(3),
             self._exact,
@@ -301,7 +303,7 @@ class RecordedSource:
             self._imu,
             gps,
             self._spec,
-            FilterSettings(lever_b=self._lever_b, delay_sd=DELAY_SD),
+            Receiver(LeverArm(self._lever_b), Delay(sd=DELAY_SD)),
             self._truth,
             self._lever_b,
             self._exact,

@@ -145,7 +145,7 @@ def measure(material: Material) -> Measured:
     """
     loop = loop_time()
     begin = clock.process_time()
-    done = navigate_recording(material.imu, material.gps, material.spec, material.settings)
+    done = navigate_recording(material.imu, material.gps, material.spec, material.receiver, gates=material.gates)
     cpu = clock.process_time() - begin
     values = {"cpu_ratio": np.array([cpu / len(material.imu.time) / loop])}
     time = settled(done.run.solution, material)
@@ -297,7 +297,8 @@ def _spread(errors: TrajectoryErrors) -> FloatArray:
 def _outages(material: Material) -> tuple[dict[str, FloatArray], FloatArray]:
     """Compute horizontal errors after times without fixes, and `Measured.growth`; no metrics for a short drive."""
     growth = np.zeros((len(GROWTH), 3))
-    ready = aided(prepare(material.imu, material.gps, material.spec, material.settings), material.spec)
+    ready = prepare(material.imu, material.gps, material.spec, material.receiver)
+    ready = aided(replace(ready, gates=material.gates), material.spec)
     longest = max(OUTAGES)
     spacing = max(longest, float(material.imu.time[-1] - material.imu.time[0]) / _WINDOWS)
     try:
@@ -315,7 +316,7 @@ def _free_inertial(done: Navigated, material: Material) -> dict[str, FloatArray]
 
     Without reference velocity, the smoothed solution replaces it.
     """
-    clock = done.run.gps_delay - material.settings.delay  # the solution uses fix time
+    clock = done.run.gps_delay - material.receiver.delay.value  # the solution uses fix time
     reference, reference_clock = material.truth, 0.0
     if not material.whole_state:
         if done.run.smoothed is None:

@@ -21,9 +21,9 @@ from insnav.errors.metrics import at_point
 from insnav.errors.outage.free_inertial import LENGTHS, WindowReference, reference_from_trajectory
 from insnav.exceptions import AlignmentError, ConfigError, InputError, as_keywords
 from insnav.filter.agreement import without_rejected
+from insnav.filter.filter_input import FilterInput, Output
 from insnav.filter.gps_noise import with_sd
-from insnav.filter.navigate import AidingChoice, thinned
-from insnav.filter.prepare import Prepared
+from insnav.filter.navigate import AidingChoice, dense, thinned
 from insnav.findings import Code, Finding, Severity, added, by_time
 from insnav.imu import load_imu
 from insnav.imu.specification import ImuSpec
@@ -284,7 +284,8 @@ class Drive:
         epochs = as_epochs(epochs, "epochs") if len(epochs) else np.empty(0)
         point = vector("point", point)
 
-        done = self.until("evaluate", Task(states, aiding, smooth, output_interval, epochs, point, progress))
+        output = Output(dense(output_interval), smooth, epochs, point)
+        done = self.until("evaluate", Task(states, aiding, output, progress))
         ready, found = done.ready, done.evaluated
         if mechanization == "short":
             from insnav.errors.evaluated_run import short_windows
@@ -305,11 +306,11 @@ class Drive:
         return done.result("run", found, options, (*done.findings, *missed, *found.run.events), found)
 
     @property
-    def ready(self) -> Prepared:
+    def ready(self) -> FilterInput:
         """Filter at its start, with other aiding if the drive is navigated."""
         ready, solved = self.model.ready, self.model.solved
         assert ready is not None
-        return ready if solved is None or solved.ready is None else solved.ready
+        return ready if solved is None else solved.ready
 
     @property
     def evaluated(self) -> EvaluatedRun:
@@ -363,7 +364,7 @@ class Drive:
         ready, run, notes = done.ready, done.evaluated, done.findings
         reference = None if self.reference is None else partial(self._antenna_positions, self.reference)
         announce("simulating outages")
-        ready = replace(ready, gps=without_rejected(ready.gps, run.run, ready.settings))
+        ready = replace(ready, gps=without_rejected(ready, run.run))
         left = share_of(progress, share, 1.0 - share)
         windows = outages(
             ready, lengths=lengths, first=first, spacing=spacing, reference=reference, workers=workers, progress=left
@@ -574,6 +575,7 @@ class Drive:
                 findings = (*findings, replace(chosen, severity=Severity.NOTE))
             chosen = Finding.of(Code.IMU_MODEL_ESTIMATED, prior=prior, nearest="" if prior == nearest else nearest)
         every = (*findings, chosen)
-        explanation = None if self.model.ready is None else self.model.ready.explanation
-        result = Result(kind, found, self.recording.facts, given, (spec, chosen), every, self.steps, explanation)
+        result = Result(
+            kind, found, self.recording.facts, given, (spec, chosen), every, self.steps, self.model.explanation
+        )
         return result if run is None else judged(result, run)

@@ -15,16 +15,16 @@ from insnav.alignment.in_motion import first_motion, velocity
 from insnav.attitude import rph_from_quat
 from insnav.exceptions import AlignmentError, ConfigError, InputError
 from insnav.filter.error_model import Part
+from insnav.filter.filter_input import Output
 from insnav.filter.gps_noise import DEFAULT_POSITION, DEFAULT_VELOCITY, LARGEST_SHARE, CorrelatedNoise, with_sd
 from insnav.filter.navigator import COAST, Navigator
-from insnav.filter.prepare import AFTER, DELAY_SD, LONGEST_GAP, SHORTEST, GivenStart, Start, prepare, spans
+from insnav.filter.prepare import AFTER, LONGEST_GAP, SHORTEST, GivenStart, Start, prepare, spans
 from insnav.filter.run_recorder import ROOM, Record
-from insnav.filter.settings import FilterSettings
 from insnav.findings import Code, ErrorFacts, Finding
 from insnav.imu.specification import ImuSpec
 from insnav.kernels.errorstate import STATES, Outputs, variances
 from insnav.kernels.output import deviations
-from insnav.steps.given import LEVER_SD, checked, given_imu, one_of, vector
+from insnav.steps.given import checked, given_imu, given_receiver, one_of
 from insnav.steps.inputs import Inputs
 from insnav.types import FloatArray, GpsData, ImuData
 
@@ -146,18 +146,11 @@ class OnlineFilter:
             if not 0.0 < value <= high:
                 raise ConfigError("input.out_of_range", where="correlated", value=value, low=0, high=high, unit=unit)
         inputs = checked(inputs)
-        given, arm, delay = given_imu(imu), vector("lever_arm", inputs.get("lever_arm")), inputs.get("gps_delay")
-        arm_sd, start, rate = inputs.get("lever_arm_sd"), inputs.get("initial"), inputs.get("rate")
+        given, start, rate = given_imu(imu), inputs.get("initial"), inputs.get("rate")
         assert given is not None
         self._start = start if isinstance(start, Start) else None
         self._spec, self._heading, self._static = given[0], inputs.get("heading"), inputs.get("static")
-        self._settings = FilterSettings(
-            lever_b=np.zeros(3) if arm is None else arm,
-            lever_sd=(LEVER_SD if arm is None else 0.0) if arm_sd is None else arm_sd,
-            delay=delay or 0.0,
-            delay_sd=DELAY_SD if delay is None else 0.0,
-            smooth=False,
-        )
+        self._receiver = given_receiver(inputs)
         none, three = np.empty(0), np.empty((0, 3))
         self._nothing = ImuData(none, three, three, inputs.get("sampling") or "mean", inputs.get("stamp") or "end")
         self._states, self._nominal, self._correlated = states, None if rate is None else 1.0 / rate, correlated
@@ -245,7 +238,7 @@ class OnlineFilter:
             velocity = _array("v_n", v_n, (3,), known=False)
         kind = np.array([5 if fix is None else fix])
         found = with_sd(GpsData(at, place[None], velocity[None], sds[None, :3], sds[None, 3:], kind))[0]
-        near, moment, gps = strapdown.TIME_TOLERANCE, float(at[0]) - self._settings.delay, self._gps
+        near, moment, gps = strapdown.TIME_TOLERANCE, float(at[0]) - self._receiver.delay.value, self._gps
         first, after = gps.time.searchsorted([at[0] - near, at[0] + near])
         late = self._last - moment
         if first < after or (self._saved and (late > WINDOW or moment <= self._saved[0][0] + near)):
@@ -277,7 +270,7 @@ class OnlineFilter:
         deviations(np.array([nav.done]), np.zeros(1, np.int64), variance, self._axes_sd, rph, sd)
         lla, v_n, gyro_bias, accel_bias = np.split(np.concatenate([now.x[:6], now.correction[:6]]), 4)
         found = lla, v_n, rph[0], gyro_bias, accel_bias, p[:STATES, :STATES].copy(), sd[0], now.lever.copy()
-        return OnlineState(True, nav.done, *found, self._settings.delay + now.delay, findings)
+        return OnlineState(True, nav.done, *found, self._receiver.delay.value + now.delay, findings)
 
     def _take(self, some: ImuData) -> None:
         """Take samples without a long gap between them."""
@@ -287,7 +280,7 @@ class OnlineFilter:
             if not self._aligning:
                 self._ended = before
             self._aligning, self._held, self._saved, self._recent = True, self._nothing, [], []
-            self._gps = self._gps.rows(self._gps.time - self._settings.delay > before)
+            self._gps = self._gps.rows(self._gps.time - self._receiver.delay.value > before)
             self._record.event(Finding.of(Code.ONLINE_GAP, before, before + gap, gap_s=gap, limit_s=LONGEST_GAP))
         if not self._aligning:
             self._process(some)
@@ -302,21 +295,21 @@ class OnlineFilter:
         """Align with samples since the start, or since a gap, if they are sufficient; return those still needed."""
         begin, first, gps = float(held.time[0]), self._nav is None, self._gps
         if self._nominal is not None and not first:  # of the same part
-            gps = gps.rows(gps.time - self._settings.delay >= begin - self._nominal)
+            gps = gps.rows(gps.time - self._receiver.delay.value >= begin - self._nominal)
         start, moving = self._start if first else None, None
         until = np.inf if self._static is None else self._static[1]
         if start is not None:
             until = start.time + COAST
         elif gps.time.size and (moving := first_motion(velocity(gps), begin)) is not None:
-            until = moving - self._settings.delay + AFTER
+            until = moving - self._receiver.delay.value + AFTER
         if self._last < until or (self._nominal is None and self._last - begin < SHORTEST) or not gps.time.size:
             return held
-        settings = self._settings
+        receiver = self._receiver
         if self._correlated is not None:
-            settings = replace(settings, correlated=CorrelatedNoise.of_fixes(*self._correlated, gps.position_sd))
+            receiver = replace(receiver, correlated=CorrelatedNoise.of_fixes(*self._correlated, gps.position_sd))
         try:
             ready = prepare(
-                *(held, gps, self._spec, settings),
+                *(held, gps, self._spec, receiver),
                 states=self._states,
                 known=GivenStart(start, self._static, self._heading if first else None),
                 nominal=self._nominal,
@@ -330,7 +323,8 @@ class OnlineFilter:
         for each in (*ready.findings, *(Finding.of(Code(how), ready.initial.time, sd_rad=sd) for how, sd in methods)):
             self._record.event(each)
         if self._nav is None:
-            self._nav, self._axes_sd = ready.navigator(record=self._record), ready.model.axes_sd
+            own = replace(ready, imu=self._nothing, output=Output(smooth=False))
+            self._nav, self._axes_sd = Navigator(own, record=self._record), ready.model.axes_sd
             self._saved = [(self._nav.done, -np.inf, self._nav.saved())]
         else:
             self._nav.restart_at(Part(self._ended, at, ready.initial))
@@ -353,7 +347,7 @@ class OnlineFilter:
                 while len(self._saved) > 1 and self._saved[1][0] < self._last - WINDOW:
                     del self._saved[0]
                 self._recent = [each for each in self._recent if each.time[-1] > self._saved[0][1]]
-                self._gps = self._gps.rows(self._gps.time - self._settings.delay >= self._saved[0][0])
+                self._gps = self._gps.rows(self._gps.time - self._receiver.delay.value >= self._saved[0][0])
 
     def _repeat(self, time: float) -> None:
         """Go back to before a time [s], and navigate the samples since with all fixes."""

@@ -11,7 +11,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from importlib import import_module
 from time import perf_counter
-from typing import TYPE_CHECKING, Any, Generic, Literal, TypeVar
+from typing import TYPE_CHECKING, Any
 
 from insnav.exceptions import InputError
 from insnav.progress import announce
@@ -20,17 +20,17 @@ if TYPE_CHECKING:  # the command-line help needs only the names of inputs
     from collections.abc import Callable, Sequence
 
     from insnav.errors.evaluated_run import EvaluatedRun
+    from insnav.explain.explanation import Explanation
+    from insnav.filter.filter_input import FilterInput, Output
     from insnav.filter.navigate import AidingChoice, Navigated
-    from insnav.filter.prepare import Prepared
+    from insnav.filter.receiver import Receiver
     from insnav.findings import Finding
     from insnav.imu.specification import ImuSpec
     from insnav.input import Reading, ReadingFacts
     from insnav.result import StepRecord
     from insnav.steps.inputs import Inputs
-    from insnav.types import FloatArray, GpsData, ImuData, SensorLog, Trajectory
+    from insnav.types import GpsData, ImuData, SensorLog, Source, Trajectory
 
-T = TypeVar("T")
-Source = Literal["given", "data", "prior"]
 
 STEPS = (
     "clean",  # remove invalid data
@@ -84,11 +84,11 @@ class Recording:
 
 
 @dataclass(frozen=True, slots=True)
-class Estimate(Generic[T]):
+class Estimate:
     """Value with its standard deviation and source."""
 
-    value: T
-    sd: float  # of each component; 0 for a value that the filter does not estimate
+    value: float
+    sd: float  # 0 for a value that the filter does not estimate
     source: Source
 
 
@@ -98,10 +98,7 @@ class Task:
 
     states: int = 21
     aiding: AidingChoice = "auto"
-    smooth: bool = True
-    output_interval: float = 0.1  # [s]
-    epochs: Sequence[float] | FloatArray = ()  # of the poses [s]
-    point: Sequence[float] | FloatArray | None = None  # of the poses, seen from the IMU, body axes (3,) [m]
+    output: Output | None = None  # by default a smoothed solution every 0.1 s
     progress: Callable[[float], None] | None = None
 
 
@@ -109,14 +106,14 @@ class Task:
 class Model:
     """Estimates of the steps."""
 
-    lever_arm: Estimate[FloatArray]  # antenna seen from the IMU, body axes (3,) [m]
-    gps_delay: Estimate[float]  # of the fixes behind their timestamps [s]
+    receiver: Receiver  # lever arm and delay, as specified or assumed
     imu: tuple[ImuSpec, Finding] | None = None  # error specification, and how it was chosen
     # of the IMU in the vehicle, to the right [rad]; the source states the origin of the vehicle axes
-    mounting_yaw: Estimate[float] = field(default=Estimate(0.0, 0.0, "given"))
+    mounting_yaw: Estimate = field(default=Estimate(0.0, 0.0, "given"))
     clock: tuple[float, float] = (0.0, 0.0)  # start of the clock search: offset [s], rate [s/s]
     task: Task = field(default_factory=Task)
-    ready: Prepared | None = None  # the filter at its start
+    ready: FilterInput | None = None  # the filter at its start
+    explanation: Explanation | None = None  # faults of the recording
     solved: Navigated | None = None  # the solution
     evaluated: EvaluatedRun | None = None  # solution compared with the reference
 

@@ -11,11 +11,11 @@ import numpy as np
 
 from insnav.exceptions import AlignmentError, ConfigError
 from insnav.filter.delay_and_lever import filtered, on_time, with_right_heading
-from insnav.filter.prepare import Prepared
+from insnav.filter.filter_input import FilterInput
 from insnav.findings import Code, Finding
 from insnav.input.readers.kinds import files_with
 from insnav.steps import Model, Recording
-from insnav.steps.given import as_given, filter_settings, free_delay, set_up_filter
+from insnav.steps.given import as_given, set_up_filter
 
 LATE, LATE_SURE = 0.03, 10.0  # smallest reported delay error [s], and in sd of the estimate
 
@@ -33,7 +33,7 @@ def align(recording: Recording, model: Model) -> tuple[Recording, Model, tuple[F
     given = recording.inputs.get("heading")
     ready = _on_time(recording, model, given)
     if not as_given(recording.inputs):
-        if model.gps_delay.source == "given":
+        if model.receiver.delay.source == "given":
             ready, model = with_right_delay(ready, recording, model, given)
         if given is not None:
             with suppress(AlignmentError):  # the drive does not determine the heading
@@ -42,25 +42,24 @@ def align(recording: Recording, model: Model) -> tuple[Recording, Model, tuple[F
 
 
 def with_right_delay(
-    ready: Prepared, recording: Recording, model: Model, heading: float | None
-) -> tuple[Prepared, Model]:
+    ready: FilterInput, recording: Recording, model: Model, heading: float | None
+) -> tuple[FilterInput, Model]:
     """Keep the given delay, or replace it by the estimate of the drive if that contradicts it and fits better."""
-    free = replace(model, gps_delay=free_delay())
-    other, given = _on_time(recording, free, heading), model.gps_delay.value
-    sd = other.settings.least_delay_sd or np.inf
+    free = replace(model, receiver=model.receiver.forget_delay())
+    other, given = _on_time(recording, free, heading), model.receiver.delay.value
+    sd = other.receiver.delay.least_sd or np.inf
     if abs(other.clock - given) <= max(LATE, LATE_SURE * sd) or filtered(ready).misfit <= filtered(other).misfit:
         return ready, model
     values: dict[str, Any] = {"given_s": given, "estimate_s": other.clock, "estimate_sd_s": sd}
     rejected = Finding.of(Code.GIVEN_DELAY_REJECTED, other.initial.time, subject="gps", **values)
-    return replace(other, faults=(*other.faults, rejected)), free
+    return other.add_faults(rejected), free
 
 
-def _on_time(recording: Recording, model: Model, heading: float | None) -> Prepared:
-    settings = filter_settings(recording, model)
+def _on_time(recording: Recording, model: Model, heading: float | None) -> FilterInput:
     if as_given(recording.inputs):
         return set_up_filter(recording, model, *model.clock, heading)
     return on_time(
-        lambda clock, rate: set_up_filter(recording, model, clock, rate, heading), settings, at_first=model.clock
+        lambda clock, rate: set_up_filter(recording, model, clock, rate, heading), model.receiver, at_first=model.clock
     )
 
 

@@ -16,11 +16,11 @@ def check_given(recording: Recording, model: Model) -> tuple[Recording, Model, t
     assert model.solved is not None
     first, ready, solved = model.solved, model.ready, model.solved
     doubts = () if recording.gps is None else understated(ready, recording.gps.data)
-    if ready.settings.lever_sd:
+    if ready.receiver.lever_arm.sd:
         run, hidden = with_hidden_lever(solved.ready or ready, solved.run)
         solved, doubts = replace(solved, run=run), (*doubts, *hidden)
-    if ready.settings.lever_sd and not model.lever_arm.sd:
-        doubts = (*doubts, lever_contradicted(model.lever_arm.value, solved.run))
+    if ready.receiver.lever_arm.sd and not model.receiver.lever_arm.sd:
+        doubts = (*doubts, lever_contradicted(model.receiver.lever_arm.value, solved.run))
     if model.mounting_yaw.source == "prior":
         doubts = (*doubt_mounting((*ready.faults, *solved.run.events)), *doubts)
     found = (*doubts, *added(first.findings, solved.findings))

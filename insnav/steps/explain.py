@@ -9,7 +9,7 @@ import numpy as np
 
 from insnav.explain.explanation import Explanation, Fault, explain_faults, find
 from insnav.explain.kinds import with_priors
-from insnav.filter.prepare import Prepared
+from insnav.filter.filter_input import FilterInput
 from insnav.findings import Finding
 from insnav.steps import ALIGN, Model, Recording, run_steps
 from insnav.types import GpsData
@@ -40,14 +40,14 @@ def explain(recording: Recording, model: Model) -> tuple[Recording, Model, tuple
         ready, explanation = explain_faults(before, kinds)
     explanation = replace(explanation.after(rounds), faults=(*late, *explanation.faults))
     findings = (*(find(step, fixes) for step in late), *explanation.findings)
-    ready = replace(ready, explanation=explanation, faults=(*ready.faults, *findings))
-    return replace(recording, fixes=fixes), replace(model, ready=ready), findings
+    model = replace(model, ready=ready.add_faults(*findings), explanation=explanation)
+    return replace(recording, fixes=fixes), model, findings
 
 
-def put_on_one_delay(fixes: GpsData, ready: Prepared, steps: Sequence[Fault]) -> GpsData:
+def put_on_one_delay(fixes: GpsData, ready: FilterInput, steps: Sequence[Fault]) -> GpsData:
     """Correct the times of fixes for steps of their delay, to the smallest delay: receivers begin to lag."""
     # errors are estimate minus truth: an increase of the delay makes a negative error
-    late = -np.sum([step.size[0] * step.inside(fixes.time - ready.settings.delay) for step in steps], axis=0)
+    late = -np.sum([step.size[0] * step.inside(fixes.time - ready.receiver.delay.value) for step in steps], axis=0)
     every = ready.clock + late - late.mean()  # the earlier estimate is the mean delay
     right = late[int(np.argmin(np.abs(every)))]
     time = fixes.time - (late - right)

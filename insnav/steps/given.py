@@ -17,9 +17,10 @@ from insnav.alignment.in_motion import positions_alone
 from insnav.alignment.mounting import ALL_ALIKE, HANDED, IN_ORDER
 from insnav.exceptions import ConfigError, InputError
 from insnav.explain.kinds import with_priors
+from insnav.filter.filter_input import FilterInput
 from insnav.filter.innovation_likelihood import LONGEST
-from insnav.filter.prepare import DELAY_SD, GivenStart, Prepared, Start, prepare
-from insnav.filter.settings import FilterSettings
+from insnav.filter.prepare import GivenStart, Start, prepare
+from insnav.filter.receiver import DELAY_SD, LEVER_SD, Delay, LeverArm, Receiver
 from insnav.findings import Code, Finding
 from insnav.imu import load_imu
 from insnav.imu.imu_file import part_of
@@ -27,14 +28,13 @@ from insnav.imu.specification import PRESETS, ImuSpec
 from insnav.input import Reading, ReadingFacts
 from insnav.input.interpret.columns import quote_columns
 from insnav.input.interpret.physics import course_of, turn_ratio, turns_with_course
-from insnav.steps import Estimate, Model, Recording
+from insnav.steps import Model, Recording
 from insnav.steps.inputs import INPUTS, LOGS, Inputs
 from insnav.strapdown import intervals
 from insnav.types import FloatArray, GpsData, ImuData, Trajectory
 from insnav.units import DEG
 
 _LONGEST_LEVER = 100.0  # a longer lever arm has another unit [m]
-LEVER_SD = 1.0  # of each component of an unspecified lever arm: antenna and IMU are on one vehicle [m]
 
 
 def checked(inputs: Inputs) -> Inputs:
@@ -122,17 +122,9 @@ def options_of(inputs: Inputs, **others: object) -> dict[str, object]:
     return {key: value for key, value in {**named, **others}.items() if value is not None}
 
 
-_START_KEYS = {
-    "time_s": 0,
-    "lat_deg": 0,
-    "lon_deg": 0,
-    "height_m": 0,
-    "v_n_m_s": 3,
-    "roll_pitch_heading_deg": 3,
-    "sd_position_m": 3,
-    "sd_velocity_m_s": 3,
-    "sd_attitude_deg": 3,
-}
+_START_KEYS = dict.fromkeys(("time_s", "lat_deg", "lon_deg", "height_m"), 0) | dict.fromkeys(
+    ("v_n_m_s", "roll_pitch_heading_deg", "sd_position_m", "sd_velocity_m_s", "sd_attitude_deg"), 3
+)
 
 
 def read_start(path: Path) -> Start:
@@ -169,30 +161,24 @@ def read_start(path: Path) -> Start:
 
 
 def given_model(recording: Recording) -> Model:
-    """Build the initial model of the inputs; the filter estimates lever arm and delay unless specified."""
-    inputs, fixes = recording.inputs, recording.gps is not None
-    lever_b, lever_sd, delay = (
+    """Build the initial model of the inputs."""
+    inputs = recording.inputs
+    return Model(given_receiver(inputs, fixes=recording.gps is not None), given_imu(inputs.get("imu_model")))
+
+
+def given_receiver(inputs: Inputs, *, fixes: bool = True) -> Receiver:
+    """Return the receiver of the inputs; the filter estimates lever arm and delay unless specified, if it has fixes."""
+    lever_b, sd, delay = (
         vector("lever_arm", inputs.get("lever_arm")),
         inputs.get("lever_arm_sd"),
         inputs.get("gps_delay"),
     )
-    if lever_sd is None:
-        lever_sd = LEVER_SD if lever_b is None and fixes else 0.0
-    return Model(
-        free_lever_arm(lever_sd) if lever_b is None else Estimate(lever_b, lever_sd, "given"),
-        free_delay(DELAY_SD * fixes) if delay is None else Estimate(delay, 0.0, "given"),
-        given_imu(inputs.get("imu_model")),
+    lever_arm = LeverArm(sd=LEVER_SD * fixes, source="prior") if lever_b is None else LeverArm(lever_b)
+    return Receiver(
+        lever_arm if sd is None else replace(lever_arm, sd=sd),
+        Delay(sd=DELAY_SD * fixes, source="prior") if delay is None else Delay(delay),
+        heading_sd=inputs.get("gps_heading_sd") or 0.0,
     )
-
-
-def free_lever_arm(sd: float = LEVER_SD) -> Estimate[np.ndarray]:
-    """Return the prior of an unknown lever arm, `sd` [m]."""
-    return Estimate(np.zeros(3), sd, "prior")
-
-
-def free_delay(sd: float = DELAY_SD) -> Estimate[float]:
-    """Return the prior of an unknown delay of the fixes, `sd` [s]."""
-    return Estimate(0.0, sd, "prior")
 
 
 def given_imu(model: object) -> tuple[ImuSpec, Finding] | None:
@@ -221,24 +207,9 @@ def better_kinds(inputs: Inputs, chosen: ImuSpec) -> tuple[ImuSpec, ...]:
     return tuple(map(load_imu, PRESETS[PRESETS.index(chosen.name) + 1 :]))
 
 
-def filter_settings(recording: Recording, model: Model) -> FilterSettings:
-    """Return the settings of the filter."""
-    inputs = recording.inputs
-    return FilterSettings(
-        lever_b=model.lever_arm.value,
-        lever_sd=model.lever_arm.sd,
-        delay=model.gps_delay.value,
-        delay_sd=model.gps_delay.sd,
-        mounting_yaw=model.mounting_yaw.value,
-        heading_sd=inputs.get("gps_heading_sd") or 0.0,
-        fixed_height_sd=inputs.get("fixed_height_sd") or 0.0,
-        logs=tuple(log.data for log in recording.logs.values()),
-    )
-
-
 def set_up_filter(
     recording: Recording, model: Model, clock: float = 0.0, rate: float = 0.0, heading: float | None = None
-) -> Prepared:
+) -> FilterInput:
     """Align a recording and set the filter up.
 
     `clock`, `rate`: shift of the sample times at the start [s], and its rate [s/s].
@@ -253,21 +224,25 @@ def set_up_filter(
     def moved(time: Any) -> Any:
         return time + clock + rate * (time - begin)
 
-    settings = filter_settings(recording, model)
     ready = prepare(
         replace(imu, time=spill.by_blocks(moved, imu.time)),
         recording.fixes,
         model.imu[0],
-        replace(settings, logs=tuple(replace(log, time=moved(log.time)) for log in settings.logs)),
+        model.receiver,
         states=model.task.states,
         known=GivenStart(
             replace(initial, time=moved(initial.time)) if isinstance(initial, Start) else None,
             None if span is None else (moved(span[0]), moved(span[1])),
             heading,
+            model.mounting_yaw.value,
         ),
         as_given=as_given(inputs),
     )
-    return replace(ready, clock=clock + 0.5 * rate * (end - begin), rate=rate)
+    if height_sd := inputs.get("fixed_height_sd"):
+        ready = ready.hold_height(height_sd)
+    logs = tuple(replace(log.data, time=moved(log.data.time)) for log in recording.logs.values())
+    clock += 0.5 * rate * (end - begin)
+    return replace(ready, aiding=replace(ready.aiding, logs=logs), clock=clock, rate=rate)
 
 
 WORDS = {"F": "forward", "B": "back", "R": "right", "L": "left", "D": "down", "U": "up"}

@@ -19,10 +19,10 @@ from insnav.findings import Code, Finding
 from insnav.input import Reading
 from insnav.input.interpret.physics import axes_matrix, check_axes, heading_convention, quiet_part, turns_with_course
 from insnav.kernels.smoother import STATE
-from insnav.steps import Estimate, Model, Recording, Source
+from insnav.steps import Estimate, Model, Recording
 from insnav.steps.given import WORDS, accel_reversed, as_given, mounting_of, refusal, refuse_exchanged, set_up_filter
 from insnav.steps.inputs import Inputs
-from insnav.types import FloatArray, GpsData, ImuData
+from insnav.types import FloatArray, GpsData, ImuData, Source
 from insnav.units import DEG
 
 TURNED = 10.0 * DEG  # a smaller yaw may be slip and wind [rad]

@@ -4,14 +4,12 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-import numpy as np
-
 from insnav import spill
-from insnav.filter.navigate import dense, navigate_prepared
+from insnav.filter.filter_input import Output
+from insnav.filter.navigate import navigate_prepared
 from insnav.filter.noise_identification import with_careful_biases
 from insnav.findings import Finding, added
 from insnav.steps import Model, Recording
-from insnav.steps.given import vector
 
 
 def navigate(recording: Recording, model: Model) -> tuple[Recording, Model, tuple[Finding, ...]]:
@@ -21,16 +19,9 @@ def navigate(recording: Recording, model: Model) -> tuple[Recording, Model, tupl
     """
     assert model.ready is not None
     assert model.imu is not None
-    task = model.task
-    ready = with_careful_biases(model.ready, model.imu[0])
-    settings = replace(
-        ready.settings,
-        smooth=task.smooth,
-        output_interval=dense(task.output_interval),
-        epochs=np.asarray(task.epochs, dtype=np.float64),
-        point_b=vector("point", task.point),
-    )
-    ready = replace(ready, settings=settings)
+    task, explanation = model.task, model.explanation
+    ready = replace(with_careful_biases(model.ready, model.imu[0]), output=task.output or Output())
     spill.trim()  # arrays of the searches
-    solved = navigate_prepared(ready, model.filter_imu, aiding=task.aiding, progress=task.progress)
+    widen = None if explanation is None else explanation.widen
+    solved = navigate_prepared(ready, model.filter_imu, aiding=task.aiding, widen=widen, progress=task.progress)
     return recording, replace(model, ready=ready, solved=solved), added(ready.findings, solved.findings)

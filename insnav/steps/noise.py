@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 
+from insnav.filter.filter_input import FilterInput
 from insnav.filter.noise_identification import identify_noise, with_known_noise, with_noise, with_usual_noise
-from insnav.filter.prepare import Prepared
 from insnav.findings import Code, Finding, added
 from insnav.imu.specification import ImuSpec
 from insnav.input import Reading
@@ -21,38 +21,37 @@ def noise(recording: Recording, model: Model) -> tuple[Recording, Model, tuple[F
     """Estimate unspecified noise."""
     assert model.ready is not None
     assert model.imu is not None
-    gps, false = model.ready.gps, model.ready.settings.false
+    gps = model.ready.gps
     ready = _with_estimated_noise(recording, believe(model.ready), model.imu[0])
     # rejected fixes stay in the record, with the standard deviations of the others
     gps = replace(ready.gps, fix=gps.fix, v_n=gps.v_n)
-    ready = replace(ready, gps=gps, settings=replace(ready.settings, false=false))
+    ready = replace(ready, gps=gps, explained=model.ready.explained)
     return recording, replace(model, ready=ready), added(model.ready.findings, ready.findings)
 
 
-def _with_estimated_noise(recording: Recording, ready: Prepared, spec: ImuSpec) -> Prepared:
+def _with_estimated_noise(recording: Recording, ready: FilterInput, spec: ImuSpec) -> FilterInput:
     wanted = noise_wanted(recording.inputs, recording.gps)
     if wanted != "estimate":
         claimed = recording.gps is None or bool(np.isfinite(recording.gps.data.position_sd).all())
         known = with_known_noise(ready, spec, lasting=wanted == "fixes", sizes=not claimed)
         return replace(ready, faults=known.faults) if as_given(recording.inputs) else known
-    ready = replace(ready, kinds=better_kinds(recording.inputs, spec))
-    found = identify_noise(ready, spec)
+    found = identify_noise(ready, spec, better_kinds(recording.inputs, spec))
     if found is None:
         kept = Finding.of(Code.IMU_MODEL_KEPT, subject="imu", model=spec.name)
-        return with_usual_noise(replace(ready, notes=(*ready.notes, kept)))
+        return with_usual_noise(ready.add_notes(kept))
     return with_noise(ready, found)
 
 
-def believe(ready: Prepared) -> Prepared:
+def believe(ready: FilterInput) -> FilterInput:
     """Remove the fixes that faults concern: their noise is not typical."""
-    settings, gps, time = ready.settings, ready.gps, ready.gps.time - ready.settings.delay
-    if settings.false is None and not settings.rough:
+    explained, gps, time = ready.explained, ready.gps, ready.fix_time
+    if explained.false is None and not explained.rough:
         return ready
-    position, velocity = np.zeros((2, time.size), dtype=np.bool_) if settings.false is None else settings.false
-    position = np.any([position, *((time >= each.begin) & (time < each.end) for each in settings.rough)], axis=0)
+    position, velocity = np.zeros((2, time.size), dtype=np.bool_) if explained.false is None else explained.false
+    position = np.any([position, *((time >= each.begin) & (time < each.end) for each in explained.rough)], axis=0)
     fix = np.where(position, 0, 1 if gps.fix is None else gps.fix)
     gps = replace(gps, fix=fix, v_n=np.where(velocity[:, None], np.nan, gps.v_n))
-    return replace(ready, gps=gps, settings=replace(settings, false=None))
+    return replace(ready, gps=gps, explained=replace(explained, false=None))
 
 
 def noise_wanted(inputs: Inputs, gps: Reading[GpsData] | None) -> NoiseChoice:

@@ -12,10 +12,10 @@ from insnav.alignment.in_motion import sure_motion
 from insnav.attitude import wrap_pi
 from insnav.earth import lla_offset
 from insnav.exceptions import AlignmentError
-from insnav.filter import FilterSettings
 from insnav.filter.fine_alignment import fine_alignment
 from insnav.filter.navigate import Navigated, navigate_recording
 from insnav.filter.prepare import GivenStart
+from insnav.filter.receiver import LeverArm, Receiver
 from insnav.findings import Code
 from insnav.simulate import corrupt_gps, corrupt_imu, gps_from_truth, reference, straight
 from insnav.strapdown import intervals
@@ -48,7 +48,7 @@ def drive() -> Log:
 
 
 def navigated(record: Log, gps: GpsData, **options: object) -> Navigated:
-    return navigate_recording(record.imu, gps, record.spec, FilterSettings(), **options)
+    return navigate_recording(record.imu, gps, record.spec, Receiver(), **options)
 
 
 def assert_from_rest(found: Alignment, record: Log) -> None:
@@ -164,7 +164,7 @@ def test_a_start_in_a_bend_is_as_sure_as_it_says(begin, arm):
         keep, later = imu.time >= begin, gps.time >= begin + 0.5
         imu = replace(imu, time=imu.time[keep], gyro=imu.gyro[keep], accel=imu.accel[keep])
         gps = GpsData(*(getattr(gps, name)[later] for name in ("time", "lla", "v_n", "position_sd", "velocity_sd")))
-        run = navigate_recording(imu, gps, drives.SPEC, FilterSettings(lever_b=np.array(arm))).run
+        run = navigate_recording(imu, gps, drives.SPEC, Receiver(LeverArm(np.array(arm)))).run
         found = run.alignment
         true = reference(drives.truth(2), np.array([found.time, found.time + 0.1]))
         off = wrap_pi(found.rph - true.rph[0])

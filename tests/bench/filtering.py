@@ -8,9 +8,10 @@ from functools import cached_property
 
 import numpy as np
 
-from insnav.filter import FilterSettings
+from insnav.filter.filter_input import Output
 from insnav.filter.navigate import Navigated, navigate_recording
-from insnav.filter.prepare import DELAY_SD, GivenStart, Start
+from insnav.filter.prepare import GivenStart, Start
+from insnav.filter.receiver import DELAY_SD, Delay, LeverArm, Receiver
 from insnav.imu import load_imu
 from insnav.imu.specification import ImuSpec
 from insnav.input import read_gps, read_imu
@@ -26,8 +27,9 @@ class Recording:
     imu: ImuData
     gps: GpsData
     spec: ImuSpec
-    settings: FilterSettings
+    receiver: Receiver
     start: Start
+    output: Output
 
     @cached_property
     def samples(self) -> int:
@@ -36,7 +38,7 @@ class Recording:
 
     def at_interval(self, seconds: float) -> Recording:
         """The same with a row of the solution every so often."""
-        return replace(self, settings=replace(self.settings, output_interval=seconds))
+        return replace(self, output=Output(seconds))
 
     def first(self, seconds: float) -> Recording:
         """The part up to `seconds` after the given start."""
@@ -55,17 +57,18 @@ class Recording:
 
 def read_recording(job: Job) -> Recording:
     """Read a job with the settings of the program: full rate, GPS delay estimated."""
-    settings = FilterSettings(lever_b=np.array(job.start["lever_b_m"]), delay_sd=DELAY_SD, output_interval=0.0)
+    receiver = Receiver(LeverArm(np.array(job.start["lever_b_m"])), Delay(sd=DELAY_SD))
     spec = load_imu(str(job.path("imu.toml")))
     imu, gps = read_imu(job.path("imu.csv")).data, read_gps(job.path("gps.csv")).data
-    return Recording(imu, gps, spec, settings, read_start(job.path("start.json")))
+    return Recording(imu, gps, spec, receiver, read_start(job.path("start.json")), Output(0.0))
 
 
 def navigate(recording: Recording, *, given_start: bool) -> tuple[Navigated, float]:
     """Navigate once; the result and its CPU time [s]."""
     begin = time.process_time()
-    start = recording.start if given_start else None
-    done = navigate_recording(recording.imu, recording.gps, recording.spec, recording.settings, known=GivenStart(start))
+    known = GivenStart(recording.start if given_start else None)
+    data = recording.imu, recording.gps, recording.spec, recording.receiver
+    done = navigate_recording(*data, known=known, output=recording.output)
     return done, time.process_time() - begin
 
 

@@ -12,9 +12,10 @@ from insnav.attitude import quat_from_rotvec, quat_from_rph, quat_multiply, rph_
 from insnav.earth import lla_offset
 from insnav.errors.ensemble import COMPONENTS, FIGURES, GROUPS, band, ensemble, inside, reduced
 from insnav.exceptions import AlignmentError, InputError
-from insnav.filter import FilterSettings
+from insnav.filter.filter_input import Output
 from insnav.filter.navigate import navigate_recording
 from insnav.filter.prepare import GivenStart
+from insnav.filter.receiver import Delay, LeverArm, Receiver
 from insnav.findings import Code, Finding
 from insnav.imu import ImuSpec, load_imu
 from insnav.simulate import GpsErrors, Truth, corrupt_gps, corrupt_imu, gps_from_truth, imu_from_truth, reference
@@ -162,8 +163,10 @@ class Drive:
         time = self.motion.start + np.arange(1.0, self.motion.duration)
         errors = GpsErrors((1.5, 1.5, 3.0), velocity_noise=(0.1, 0.1, 0.15))
         gps = corrupt_gps(gps_from_truth(self.motion, time, drives.LEVER_B), errors, (seed, 2))
-        settings = FilterSettings(lever_b=drives.LEVER_B, delay_sd=0.05, smooth=False)
-        run = navigate_recording(imu, gps, self.spec, settings, known=GivenStart(heading=self.heading)).run
+        receiver, output = Receiver(LeverArm(drives.LEVER_B), Delay(sd=0.05)), Output(smooth=False)
+        run = navigate_recording(
+            imu, gps, self.spec, receiver, known=GivenStart(heading=self.heading), output=output
+        ).run
         return reduced(run, self.motion, NO_AXES)
 
 

@@ -14,11 +14,13 @@ from insnav.earth import lla_offset, ned_offset
 from insnav.errors.metrics import position_errors
 from insnav.explain.explanation import Explanation, Fault, explain_faults
 from insnav.explain.kinds import KINDS
-from insnav.filter import FilterSettings
-from insnav.filter.measurements.measurement import NOTHING, FilterView
+from insnav.filter.filter_input import FilterInput
+from insnav.filter.measurements.measurement import NOTHING, FilterView, Measurement
 from insnav.filter.measurements.sensors import NonHolonomic
 from insnav.filter.navigate import Navigated, feed, navigate_prepared
-from insnav.filter.prepare import DELAY_SD, Prepared, prepare
+from insnav.filter.navigator import Navigator
+from insnav.filter.prepare import prepare
+from insnav.filter.receiver import DELAY_SD, Delay, Receiver
 from insnav.findings import CONTRADICTIONS, NOT_MEASURED, Code, Finding, Severity, of_code
 from insnav.imu import load_imu
 from insnav.imu.specification import ImuSpec
@@ -41,7 +43,7 @@ from tests.shared import recorded
 
 # What the searches before this one did better; docs/limits.md has the sizes.
 WORSE = pytest.mark.xfail(strict=True, reason="a limit of the explanation, see docs/limits.md")
-SETTINGS = FilterSettings(delay_sd=DELAY_SD)
+RECEIVER = Receiver(delay=Delay(sd=DELAY_SD))
 AT = 200.0  # begin of the faults of simulated drives, after the first sample [s]
 SHOCK = 150.0  # the same of drives whose errors are as the filter believes [s]
 SEEDS = range(5)
@@ -53,12 +55,11 @@ UNDECIDED = Code.RECORD_JUMP, Code.RECORD_DRIFT, Code.CHANGE_DELAY  # standard d
 
 
 def explained(
-    imu: ImuData, gps: GpsData, spec: ImuSpec, settings: FilterSettings = SETTINGS, aiding: str = "auto"
+    imu: ImuData, gps: GpsData, spec: ImuSpec, aiding: str = "auto", used: tuple[Measurement, ...] | None = None
 ) -> Navigated:
     """Navigate a recording with the faults that it contains."""
-    ready, found = explain_faults(prepare(imu, gps, spec, settings), KINDS)
-    ready = replace(ready, faults=(*ready.faults, *found.findings))
-    return navigate_prepared(ready, spec, aiding=aiding)
+    ready, found = explain_faults(drives.changed(prepare(imu, gps, spec, RECEIVER), aiding=used), KINDS)
+    return navigate_prepared(ready.add_faults(*found.findings), spec, aiding=aiding, widen=found.widen)
 
 
 @lru_cache(maxsize=3)
@@ -82,8 +83,8 @@ def undisturbed(seed: int) -> Navigated:
 
 
 def without_search(seed: int, gps: GpsData) -> FloatArray:
-    ready = prepare(recording(seed).imu, gps, load_imu("automotive"), SETTINGS)
-    navigator = ready.navigator()
+    ready = prepare(recording(seed).imu, gps, load_imu("automotive"), RECEIVER)
+    navigator = Navigator(ready)
     feed(navigator, ready.imu)
     return navigator.finish().solution.lla
 
@@ -183,8 +184,8 @@ class Sliding(NonHolonomic):
 def test_fixes_do_not_part_from_the_imu_where_a_vehicle_slides():
     """A change of the velocity of the fixes was found for it, and standard deviations held 24 m of nothing."""
     made = recording(5)
-    settings = replace(SETTINGS, aiding=(Sliding(np.eye(3), np.zeros(3), np.array([0.05, 0.05])),))
-    done = explained(made.imu, made.gps, load_imu("automotive"), settings, "off")
+    sliding = Sliding(np.eye(3), np.zeros(3), np.array([0.05, 0.05]))
+    done = explained(made.imu, made.gps, load_imu("automotive"), "off", (sliding,))
     assert told(done) == []
     assert done.run.smoothed.solution.sd[:, :2].max() < 3.0
 
@@ -494,7 +495,7 @@ def test_gyros_do_not_stand_for_fixes_that_begin_to_lag():
 
 
 @lru_cache(maxsize=200)
-def shown(seed: int, kind: str = "", size: float = 0.0, louder: float = 1.0) -> tuple[Prepared, Explanation]:
+def shown(seed: int, kind: str = "", size: float = 0.0, louder: float = 1.0) -> tuple[FilterInput, Explanation]:
     """What is found in a drive whose fixes, or whose gyro, are wrong from a time on."""
     rng = np.random.default_rng([140, seed])
     imu, gps = drives.noisy_imu(drives.perfect_imu(), drives.MODEL, rng), drives.noisy_gps(drives.perfect_gps(), rng)
@@ -503,9 +504,7 @@ def shown(seed: int, kind: str = "", size: float = 0.0, louder: float = 1.0) -> 
         imu = replace(imu, gyro=imu.gyro + np.deg2rad(size) * 0.02 * np.outer(since(imu) >= 0.0, [0.0, 0.0, 1.0]))
     gps = WRONG[kind](gps, size) if kind in WRONG else gps
     gps = replace(gps, position_sd=gps.position_sd / louder, velocity_sd=gps.velocity_sd / louder)
-    settings = FilterSettings(lever_b=drives.LEVER_B, gates=drives.UNFAILING)
-    ready = Prepared(imu, gps, drives.MODEL, settings, start.alignment, start.initial, 0.02, ())
-    return explain_faults(ready, KINDS)
+    return explain_faults(drives.ready(imu, gps, start, gates=drives.UNFAILING), KINDS)
 
 
 def jump(gps: GpsData, size: float) -> GpsData:
@@ -588,12 +587,12 @@ def test_a_receiver_that_states_a_tenth_of_its_errors_has_no_faults():
             recording(2).imu,
             replace(gps, position_sd=0.1 * gps.position_sd, velocity_sd=0.1 * gps.velocity_sd),
             load_imu("automotive"),
-            SETTINGS,
+            RECEIVER,
         ),
         KINDS,
     )
     assert found.faults == ()
-    assert ready.settings.false is None
+    assert ready.explained.false is None
 
 
 def test_no_fault_is_named_where_noise_is_twice_what_is_stated():

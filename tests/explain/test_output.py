@@ -52,7 +52,7 @@ def test_the_fixes_behind_a_jump_that_stays_are_moved_back():
     """Those after it, as there are fewer of them."""
     made, begin = recording(SEED), float(recording(SEED).gps.time[-1]) - 99.5
     stays = gps_jump(made.gps, METRES, (begin, begin + 1000.0))
-    found = insnav.load(made.imu, stays, imu="automotive").until("explain").ready.explanation
+    found = insnav.load(made.imu, stays, imu="automotive").until("explain").model.explanation
     (jump,) = (each for each in found.tried if each.accepted)
     assert (jump.name, jump.left_out) == ("offset", 0)
     assert jump.moved == pytest.approx(100, abs=1)
@@ -74,7 +74,7 @@ def test_a_result_holds_the_fault_that_was_made():
     assert found.size == pytest.approx(METRES, rel=0.1)
     assert found.left_out == LASTS
     step = drive_of(explain="on").until("explain")
-    assert step.ready.explanation.passes == result_of().explanation.passes > 0
+    assert step.model.explanation.passes == result_of().explanation.passes > 0
 
 
 def test_the_gain_is_that_of_the_evidence_and_the_prior_its_closed_form():
@@ -82,7 +82,7 @@ def test_the_gain_is_that_of_the_evidence_and_the_prior_its_closed_form():
     kind = next(each for each in KINDS if each.name == "offset")
     given = {"offset": {"rate": f"{0.5 * kind.rate} 1/h"}}
     made = recording(SEED)
-    rarer = insnav.load(made.imu, jumped()[0], imu="automotive", faults=given).until("explain").ready.explanation
+    rarer = insnav.load(made.imu, jumped()[0], imu="automotive", faults=given).until("explain").model.explanation
     before, after = (next(each for each in found.tried if each.accepted) for found in (result_of().explanation, rarer))
     assert after.prior - before.prior == pytest.approx(2.0 * np.log(2.0), abs=0.01)
     assert before.gain - after.gain == pytest.approx(2.0 * np.log(2.0), abs=0.5)
@@ -111,7 +111,7 @@ def test_off_leaves_the_plain_filter_with_its_gates(tmp_path: Path):
     plain = result_of(explain="off")
     assert plain.explanation is None
     ready = drive_of(explain="off").until("explain").ready
-    assert (ready.settings.false, ready.settings.changes, ready.settings.rough) == (None, (), ())
+    assert (ready.explained.false, ready.explained.changes, ready.explained.rough) == (None, (), ())
     assert any(of_code(result_of().findings, Code.RECORD_FALSE_POSITIONS))
     assert not any(of_code(plain.findings, Code.RECORD_FALSE_POSITIONS))
     assert "explanation" not in read_facts(plain.save(tmp_path / "run", figures="none"))

@@ -18,8 +18,8 @@ from insnav.explain.explanation import faults_in
 from insnav.explain.kinds import KINDS, RETURN
 from insnav.explain.record import FAULTS, TAILS, WEIGHTED, LinearRecord, Noise, Step
 from insnav.explain.search import Fit, Search, same, search, search_part
+from insnav.filter.filter_input import FilterInput
 from insnav.filter.navigator import Navigator
-from insnav.filter.prepare import Prepared
 from insnav.kernels.dynamics import NAV
 from insnav.steps import PREPARE, run_steps
 from insnav.types import ImuData
@@ -33,7 +33,7 @@ PASSING = {"offset": 15.0, "drag": 1.0, "followed_drag": 1.0, "velocity_offset":
 
 
 @lru_cache(maxsize=1)
-def prepared() -> Prepared:
+def prepared() -> FilterInput:
     drive = insnav.simulate("figure_eight", imu="automotive", seed=1)
     ready = run_steps(PREPARE[:1], drive.recording, drive.model)[1].ready
     assert ready is not None

@@ -12,9 +12,8 @@ import numpy as np
 import pytest
 
 from insnav.earth import ned_offset
-from insnav.filter import FilterSettings
 from insnav.filter.navigate import feed
-from insnav.filter.prepare import Prepared
+from insnav.filter.navigator import Navigator
 from insnav.findings import Code
 from insnav.imu.health import inspect
 from insnav.simulate import reference
@@ -67,9 +66,8 @@ def navigated(seed: int, *faults: str, **settings: Any) -> Drive:
         imu, gps = parse_fault(text).apply(imu, gps)
     imu, events = inspect(imu)
     start = drives.begin(drives.MODEL, np.random.default_rng([92, seed]), LAPS)
-    chosen = FilterSettings(**{"lever_b": drives.LEVER_B, "output_interval": 1.0, "smooth": False, **settings})
-    ready = Prepared(imu, gps, drives.MODEL, chosen, start.alignment, start.initial, 0.02, ())
-    navigator = ready.navigator()
+    ready = drives.ready(imu, gps, start, **{"output_interval": 1.0, "smooth": False, **settings})
+    navigator = Navigator(ready)
     feed(navigator, imu)
     run = navigator.finish()
     return Drive(imu, gps, replace(run, events=(*events, *run.events)))

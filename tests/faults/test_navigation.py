@@ -9,9 +9,11 @@ import pytest
 
 import insnav
 from insnav.attitude import wrap_pi
-from insnav.filter import FilterSettings, Gates, gates
+from insnav.filter import gates
+from insnav.filter.filter_input import Output
+from insnav.filter.gates import Gates
 from insnav.filter.navigate import navigate_recording
-from insnav.filter.prepare import DELAY_SD
+from insnav.filter.receiver import DELAY_SD, LeverArm, Receiver
 from insnav.findings import Code, of_code
 from insnav.imu.health import CLIPPED
 from insnav.simulate import gps_from_truth, imu_from_truth, reference
@@ -179,8 +181,7 @@ def test_n25_start_in_motion_and_a_heading_told_wrong(bars):
         position_sd=gps.position_sd[later],
         velocity_sd=gps.velocity_sd[later],
     )
-    settings = FilterSettings(lever_b=drives.LEVER_B, output_interval=1.0)
-    run = navigate_recording(moving, fixes, drives.SPEC, settings).run
+    run = navigate_recording(moving, fixes, drives.SPEC, Receiver(LeverArm(drives.LEVER_B)), output=Output(1.0)).run
     true = reference(motion, run.solution.time)
     after = run.solution.time > run.solution.time[0] + 75.0
     assert np.abs(wrap_pi(run.solution.rph[after, 2] - true.rph[after, 2])).max() < bars["N25"]["heading_deg"] * DEG
@@ -248,7 +249,7 @@ def test_n29_heading_that_no_turn_shows_stays_uncertain(bars):
         at = motion.evaluate(np.array([20.0]))
         error = rng.standard_normal(9) * np.array([1.5] * 3 + [0.1] * 3 + [0.3 * DEG, 0.3 * DEG, 5.0 * DEG])
         from insnav.earth import lla_offset
-        from insnav.filter import initial_state
+        from insnav.filter.error_model import initial_state
         from insnav.types import Alignment
 
         rph = at.rph[0] - [0.0, 0.0, error[8]]

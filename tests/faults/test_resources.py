@@ -21,8 +21,8 @@ import insnav.input.formats.source as source
 from insnav import cli, spill
 from insnav.certificate.faults import fault_matrix
 from insnav.exceptions import ConfigError, InputError, OutputError
-from insnav.filter import FilterSettings
 from insnav.filter.navigate import navigate_recording
+from insnav.filter.receiver import LeverArm, Receiver
 from insnav.findings import Code, of_code
 from insnav.imu import load_imu
 from insnav.input import read_gps
@@ -205,13 +205,13 @@ def test_the_matrix_names_every_fault_and_tests_that_exist():
 _NAVIGATE = """
 import sys
 import numpy as np
-from insnav.filter import FilterSettings
+from insnav.filter.receiver import LeverArm, Receiver
 from insnav.filter.navigate import navigate_recording
 from tests.filter import drives
 imu = drives.noisy_imu(drives.perfect_imu(laps=1), drives.MODEL, np.random.default_rng(1))
 gps = drives.noisy_gps(drives.perfect_gps(laps=1), np.random.default_rng(2))
 imu, gps = (each.rows(each.time < imu.time[0] + 15.0) for each in (imu, gps))
-run = navigate_recording(imu, gps, drives.SPEC, FilterSettings(lever_b=drives.LEVER_B)).run
+run = navigate_recording(imu, gps, drives.SPEC, Receiver(LeverArm(drives.LEVER_B))).run
 each = run.solution, run.smoothed.solution
 np.save(sys.argv[1], np.vstack([np.hstack([one.lla, one.v_n, one.rph, one.sd[:, :9]]) for one in each]))
 """
@@ -314,7 +314,7 @@ def test_n26_memory_of_the_filter_does_not_grow_with_the_drive(bars, monkeypatch
         imu = drives.noisy_imu(drives.perfect_imu(laps=laps), drives.MODEL, np.random.default_rng(1))
         gps = drives.noisy_gps(drives.perfect_gps(laps=laps), np.random.default_rng(2))
         tracemalloc.start()
-        navigate_recording(imu, gps, drives.SPEC, FilterSettings(lever_b=drives.LEVER_B))
+        navigate_recording(imu, gps, drives.SPEC, Receiver(LeverArm(drives.LEVER_B)))
         peaks[laps] = tracemalloc.get_traced_memory()[1] / 1e6
         tracemalloc.stop()
     growth = (peaks[24] - peaks[8]) / (16 * 75.0 / 3600.0)

@@ -4,13 +4,17 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
 from scipy.signal import lfilter
 
 from insnav.attitude import quat_conjugate, quat_from_rotvec, quat_from_rph, quat_multiply, rph_from_quat
 from insnav.earth import lla_offset
-from insnav.filter import ErrorModel, FilterSettings, Gates, InitialState, Navigator, error_model, initial_state
+from insnav.filter.error_model import ErrorModel, InitialState, Part, error_model, initial_state
+from insnav.filter.filter_input import FilterInput
+from insnav.filter.gates import Gates
+from insnav.filter.navigator import Navigator
 from insnav.findings import Code
 from insnav.imu.specification import ImuSpec, SensorSpec
 from insnav.simulate import Truth, gps_from_truth, imu_from_truth
@@ -141,6 +145,47 @@ def begin(model: ErrorModel, rng: np.random.Generator | None = None, laps: int =
     return Begin(initial_state(alignment, model, lla, v_n, START_SD[:3], START_SD[3:6]), alignment)
 
 
+HOMES = {
+    "lever_b": "receiver.lever_arm.value",
+    "lever_sd": "receiver.lever_arm.sd",
+    "delay": "receiver.delay.value",
+    "delay_sd": "receiver.delay.sd",
+    "least_delay_sd": "receiver.delay.least_sd",
+    "settled": "receiver.delay.settled",
+    "velocity_lag": "receiver.lag.value",
+    "output_interval": "output.interval",
+    "aiding": "aiding.measurements",
+} | {
+    name: f"{part}.{name}"
+    for part, names in {
+        "receiver": "correlated jitter heading_sd",
+        "output": "smooth epochs point_b",
+        "explained": "changes false rough",
+    }.items()
+    for name in names.split()
+}
+
+
+def changed(ready: FilterInput, **values: object) -> FilterInput:
+    """The same with other values of the fields that `HOMES` names, or of its own."""
+    for name, value in values.items():
+        ready = _replaced(ready, HOMES.get(name, name).split("."), value)
+    return ready
+
+
+def _replaced(owner: Any, path: list[str], value: object) -> Any:
+    first, *rest = path
+    return replace(owner, **{first: _replaced(getattr(owner, first), rest, value) if rest else value})
+
+
+def ready(
+    imu: ImuData, gps: GpsData, start: Begin, model: ErrorModel | None = None, nominal: float = 0.02, **values: object
+) -> FilterInput:
+    """Input of the filter; `values`: see `changed`."""
+    starts = (Part(float(imu.time[0]), start.alignment, start.initial),)
+    return changed(FilterInput(imu, gps, model or MODEL, starts, nominal), **{"lever_b": LEVER_B, **values})
+
+
 def navigate(
     imu: ImuData,
     gps: GpsData,
@@ -151,8 +196,8 @@ def navigate(
     **settings: object,
 ) -> Run:
     """Run the filter over the drive, fed in blocks of so many samples."""
-    chosen = FilterSettings(**{"lever_b": LEVER_B, "output_interval": 1.0, **settings})
-    navigator = Navigator(start.initial, model, gps, start.alignment, float(np.median(np.diff(imu.time))), chosen)
+    nominal = float(np.median(np.diff(imu.time)))
+    navigator = Navigator(ready(imu, gps, start, model, nominal, **{"output_interval": 1.0, **settings}))
     size = blocks or imu.time.size
     for k in range(0, imu.time.size, size):
         part = slice(k, k + size)

@@ -11,13 +11,14 @@ import insnav
 from insnav.alignment.in_motion import Velocity, velocity
 from insnav.attitude import dcm_from_rph, quat_from_rotvec, quat_from_rph, quat_multiply, wrap_pi
 from insnav.earth import lla_offset, ned_offset
-from insnav.filter import FilterSettings, Navigator
 from insnav.filter.gps_noise import CorrelatedNoise
 from insnav.filter.measurements import measurements_from_drive
 from insnav.filter.measurements.measurement import FirstPass, Measurement
 from insnav.filter.measurements.sensors import NonHolonomic, ZeroVelocity, find_stops
 from insnav.filter.navigate import aided, feed, navigate_recording
-from insnav.filter.prepare import DELAY_SD, GivenStart, Prepared, Start
+from insnav.filter.navigator import Navigator
+from insnav.filter.prepare import GivenStart, Start
+from insnav.filter.receiver import DELAY_SD, LeverArm, Receiver
 from insnav.findings import CONTRADICTIONS, Code, of_code
 from insnav.kernels import measurements as kernel
 from insnav.kernels.errorstate import STATES
@@ -228,21 +229,6 @@ def test_aiding_changes_nothing_in_the_result_for_other_block_sizes():
     np.testing.assert_allclose(whole.solution.lla, parts.solution.lla, rtol=0, atol=1e-15)
 
 
-def test_aiding_that_is_used_once_a_second_says_as_much():
-    begin = drives.truth().start + 180.0
-    imu, fixes, start, found, _ = first_pass(4, without_fixes(drives.perfect_gps(), begin, begin + 30.0))
-    aiding = measurements_from_drive(found)[0]
-    often, seldom = (run(imu, fixes, start, aiding, aided_every=each) for each in (0.25, 1.0))
-    for each, other in zip(often.aiding, seldom.aiding, strict=True):
-        assert 2.5 < each.processed / other.processed < 5.0, each.name  # NHC counts where ZUPT does not
-    one, other = (each.smoothed.solution for each in (often, seldom))
-    gap = (one.time > begin) & (one.time < begin + 30.0)
-    ratio = other.sd[gap] / one.sd[gap]
-    print("standard deviations in a gap by those with four times as many", np.round(ratio.mean(axis=0), 3))
-    assert np.abs(ratio[:, 3:6].mean(axis=0) - 1.0).max() < 0.05
-    assert (np.abs(ned_offset(other.lla, one.lla))[gap] < 0.5 * one.sd[gap, :3]).all()
-
-
 def test_the_lever_arm_of_the_axle_shows_only_in_turns():
     x = np.concatenate([[0.8, 0.1, 200.0, 10.0, 0.0, 0.0], quat_from_rph(np.zeros(3))])
     z, h = np.empty(6), np.empty((6, STATES))
@@ -354,9 +340,9 @@ def test_rows_at_the_epochs_hold_what_came_of_them():
     _, fixes, start = recording(3)
     imu = drives.perfect_imu(100.0)  # rest is used four times a second: at every fix, too
     stretches, rate_sd, _ = find_stops(imu, velocity(fixes), drives.SPEC)
-    settings = FilterSettings(aiding=zupt(stretches, rate_sd), lever_b=drives.LEVER_B)
+    ready = drives.ready(imu, fixes, start, nominal=0.01, aiding=zupt(stretches, rate_sd))
     every = range(fixes.time.shape[0])
-    navigator = Navigator(start.initial, drives.MODEL, fixes, start.alignment, 0.01, settings, marks=every)
+    navigator = Navigator(ready, marks=every)
     navigator.feed(imu)
     solution = navigator.finish().solution
     kept = list(navigator.kept.values())
@@ -377,25 +363,15 @@ def test_aiding_is_calibrated_in_the_time_of_the_samples(late, given):
     imu = replace(imu, odometer=np.linalg.norm(reference(motion, inside).v_n, axis=1))
     fixes = drives.noisy_gps(drives.perfect_gps(laps=0), rng)
     start = drives.begin(drives.MODEL, rng, laps=0)
-    settings = FilterSettings(lever_b=drives.LEVER_B, delay=given, delay_sd=DELAY_SD)
-    ready = Prepared(
-        imu,
-        replace(fixes, time=fixes.time + late),
-        drives.MODEL,
-        settings,
-        start.alignment,
-        start.initial,
-        0.02,
-        (),
-    )
+    ready = drives.ready(imu, replace(fixes, time=fixes.time + late), start, delay=given, delay_sd=DELAY_SD)
     done = aided(ready, drives.SPEC)
     print(done.notes)
-    found = {each.name: each for each in done.settings.aiding}
+    found = {each.name: each for each in done.aiding.measurements}
     assert np.abs(found["odometer"].time - imu.time).max() < 0.03
     assert np.linalg.norm(found["nhc"].lever_b) < 0.1
     stops, _, _ = find_stops(imu, velocity(fixes), drives.SPEC)
     np.testing.assert_allclose(found["zupt"].stops, stops, rtol=0, atol=0.6)
-    run = done.navigator()
+    run = Navigator(done)
     feed(run, imu)
     (use,) = [each for each in run.finish().aiding if each.name == "odometer"]
     assert use.innovation_rms < 0.15
@@ -435,8 +411,8 @@ def test_velocities_that_lag_are_expected_where_they_were():
     fixes = drives.noisy_gps(shifted, rng)
     at = reference(motion, np.array([motion.start]))
     begin = Start(motion.start, at.lla[0], at.v_n[0], at.rph[0], np.ones(3), 0.1 * np.ones(3), 0.5 * DEG * np.ones(3))
-    settings, known = FilterSettings(lever_b=drives.LEVER_B), GivenStart(begin)
-    done = navigate_recording(imu, fixes, drives.SPEC, settings, known=known, aiding="off")
+    receiver, known = Receiver(LeverArm(drives.LEVER_B)), GivenStart(begin)
+    done = navigate_recording(imu, fixes, drives.SPEC, receiver, known=known, aiding="off")
     print(done.notes)
     (lag,) = of_code(done.notes, Code.GPS_VELOCITY_LAG)
     assert lag["lag_s"] == pytest.approx(0.195, abs=0.005)

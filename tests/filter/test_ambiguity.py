@@ -12,7 +12,7 @@ from insnav.filter.navigate import navigate_recording
 from insnav.findings import Code, Finding
 from insnav.imu import load_imu
 from insnav.types import Run
-from tests.explain.test_faults import SETTINGS, recording
+from tests.explain.test_faults import RECEIVER, recording
 
 NORTH = np.array([1.0, 0.0, 0.0])
 
@@ -20,7 +20,7 @@ NORTH = np.array([1.0, 0.0, 0.0])
 @lru_cache(maxsize=1)
 def undisturbed() -> Run:
     made = recording(5)
-    return navigate_recording(made.imu, made.gps, load_imu("automotive"), SETTINGS).run
+    return navigate_recording(made.imu, made.gps, load_imu("automotive"), RECEIVER).run
 
 
 def added(wider: Run) -> np.ndarray:

@@ -10,7 +10,9 @@ import pytest
 from insnav.alignment.static import level
 from insnav.attitude import dcm_from_rph, quat_from_rph, rph_from_quat
 from insnav.earth import OMEGA_EARTH, gravity_n
-from insnav.filter import FilterSettings, Gates, Navigator, error_model, initial_state
+from insnav.filter.error_model import error_model, initial_state
+from insnav.filter.gates import Gates
+from insnav.filter.navigator import Navigator
 from insnav.findings import Code
 from insnav.imu.specification import ImuSpec, SensorSpec
 from insnav.kernels import epoch
@@ -157,8 +159,8 @@ def attitude_variance(spec: ImuSpec, time: np.ndarray, rate: float) -> np.ndarra
     imu = ImuData(time, np.tile([0.0, 0.0, rate], shape), np.tile([0.0, 0.0, -9.8], shape))
     useless = np.full((1, 3), 1e9)
     fix = GpsData(time[-1:] - 0.01, LLA[None], np.full((1, 3), np.nan), useless, useless)
-    settings = FilterSettings(gates=Gates(max_sd=np.inf), smooth=False)
-    navigator = Navigator(initial, model, fix, start, 0.02, settings)
+    begin, none = drives.Begin(initial, start), np.zeros(3)
+    navigator = Navigator(drives.ready(imu, fix, begin, model, lever_b=none, gates=Gates(max_sd=np.inf), smooth=False))
     navigator.feed(imu)
     return np.diagonal(navigator.finish().epochs.covariance[0])[6:9]
 

@@ -10,10 +10,9 @@ import pytest
 from insnav.earth import lla_offset
 from insnav.errors.evaluated_run import failure
 from insnav.errors.metrics import position_errors
-from insnav.filter import FilterSettings
 from insnav.filter.gates import without_frozen
 from insnav.filter.navigate import navigate_recording
-from insnav.filter.prepare import DELAY_SD
+from insnav.filter.receiver import DELAY_SD, Delay, Receiver
 from insnav.findings import NOT_MEASURED, Code, Severity, of_code
 from insnav.imu import load_imu
 from insnav.simulate.motion import load_profile
@@ -76,7 +75,7 @@ def test_fixes_that_are_repeated_whole_are_none(velocities):
     lla, v_n = gps.lla.copy(), gps.v_n.copy()
     lla[stale], v_n[stale] = lla[200], v_n[200]
     done = navigate_recording(
-        made.imu, replace(gps, lla=lla, v_n=v_n), load_imu("automotive"), FilterSettings(delay_sd=DELAY_SD)
+        made.imu, replace(gps, lla=lla, v_n=v_n), load_imu("automotive"), Receiver(delay=Delay(sd=DELAY_SD))
     )
     assert done.run.smoothed is not None
     errors = position_errors(done.run.smoothed.solution, made.reference)
@@ -96,7 +95,7 @@ def test_velocities_that_stay_the_same_in_motion_are_none(since, value):
     v_n = made.gps.v_n.copy()
     v_n[since : since + 100 if value is None else None] = v_n[since] if value is None else value
     done = navigate_recording(
-        made.imu, replace(made.gps, v_n=v_n), load_imu("automotive"), FilterSettings(delay_sd=DELAY_SD)
+        made.imu, replace(made.gps, v_n=v_n), load_imu("automotive"), Receiver(delay=Delay(sd=DELAY_SD))
     )
     assert done.run.smoothed is not None
     errors = position_errors(done.run.smoothed.solution, made.reference)
@@ -130,7 +129,7 @@ def test_fixes_that_go_straight_on_in_a_tunnel_are_none():
     assert np.linalg.norm(v_n[first]) > 5.0
     lla[coasts] = lla_offset(np.tile(lla[first], (41, 1)), since * v_n[first])
     done = navigate_recording(
-        made.imu, replace(gps, lla=lla, v_n=v_n), load_imu("automotive"), FilterSettings(delay_sd=DELAY_SD)
+        made.imu, replace(gps, lla=lla, v_n=v_n), load_imu("automotive"), Receiver(delay=Delay(sd=DELAY_SD))
     )
     assert done.run.smoothed is not None
     errors = position_errors(done.run.smoothed.solution, made.reference)

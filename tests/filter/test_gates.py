@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 from insnav.earth import lla_offset, ned_offset
-from insnav.filter import Gates
-from insnav.filter.gates import aside
+from insnav.filter.gates import Gates, aside
 from insnav.findings import Code, Severity
 from insnav.simulate import reference
 from insnav.types import GpsData, Run

@@ -16,13 +16,16 @@ from insnav.earth import OMEGA_EARTH, lla_offset, ned_offset
 from insnav.errors.ensemble import normalised
 from insnav.errors.evaluated_run import EvaluatedRun, run_warnings
 from insnav.exceptions import InputError
-from insnav.filter import FilterSettings, delay_and_lever, error_model
+from insnav.filter import delay_and_lever
 from insnav.filter.delay_and_lever import Found, delay_of, filtered, on_time, scale_of
-from insnav.filter.error_model import layout
+from insnav.filter.error_model import error_model, layout
+from insnav.filter.filter_input import FilterInput
 from insnav.filter.gates import impossible
 from insnav.filter.late_fixes import REACH, LateFixes
 from insnav.filter.navigate import feed
-from insnav.filter.prepare import DELAY_SD, Prepared, prepare
+from insnav.filter.navigator import Navigator
+from insnav.filter.prepare import prepare
+from insnav.filter.receiver import DELAY_SD, LEVER_SD
 from insnav.findings import Code, of_code
 from insnav.input import read_gps, read_imu
 from insnav.kernels import errorstate
@@ -30,7 +33,6 @@ from insnav.kernels.smoother import CORRECTION, STATE
 from insnav.session.simulation import plan_of, profiled
 from insnav.simulate import gps_from_truth
 from insnav.simulate.recording import load_gps
-from insnav.steps.given import LEVER_SD
 from insnav.types import FloatArray, GpsData, ImuData
 from tests import shared
 from tests.filter import drives
@@ -40,24 +42,23 @@ LAPS = 8  # ten minutes
 
 
 @lru_cache(maxsize=1)
-def recorded() -> Prepared:
+def recorded() -> FilterInput:
     """Aligned by its own start, with a lever arm that nobody gave."""
     rng = np.random.default_rng([31, 4])
     imu = drives.noisy_imu(drives.perfect_imu(laps=LAPS), drives.MODEL, rng)
     gps = drives.noisy_gps(drives.perfect_gps(laps=LAPS), rng)
     model = error_model(drives.SPEC, 21)
     start = drives.begin(model, np.random.default_rng([5, 4]), LAPS)
-    settings = FilterSettings(lever_sd=2.0, delay_sd=DELAY_SD)
-    return Prepared(imu, gps, model, settings, start.alignment, start.initial, 0.02, ())
+    return drives.ready(imu, gps, start, model, lever_b=np.zeros(3), lever_sd=2.0, delay_sd=DELAY_SD)
 
 
-def late(ready: Prepared, delay: float) -> Prepared:
+def late(ready: FilterInput, delay: float) -> FilterInput:
     """The same with its fixes stamped late, aligned anew, as after reading."""
     gps = replace(ready.gps, time=ready.gps.time + delay)
-    return prepare(ready.imu, gps, drives.SPEC, ready.settings)
+    return prepare(ready.imu, gps, drives.SPEC, ready.receiver)
 
 
-def by_likelihood(ready: Prepared) -> tuple[float, float, float]:
+def by_likelihood(ready: FilterInput) -> tuple[float, float, float]:
     """Delay, its standard deviation and its drift."""
     return delay_of(filtered(ready))[:3]
 
@@ -74,7 +75,7 @@ def low_pass(before: float) -> float:
     return float(np.exp(-before))
 
 
-def lagging(lag: float, noise: float, weight: Callable[[float], float] = of_one_moment) -> Prepared:
+def lagging(lag: float, noise: float, weight: Callable[[float], float] = of_one_moment) -> FilterInput:
     """Velocities that are older than positions, which scatter; `weight`: of what they were so many lags before."""
     ready, motion = recorded(), drives.truth(LAPS)
     gps = drives.perfect_gps(laps=LAPS)
@@ -96,14 +97,14 @@ def test_delay_and_lag_of_velocities_are_told_apart(lag, noise, delay):
     """With metres of scatter velocities tell the delay, and without their lag a wrong one."""
     there = late(lagging(lag, noise), delay)
 
-    def prepared(clock: float, rate: float) -> Prepared:
+    def prepared(clock: float, rate: float) -> FilterInput:
         imu = replace(there.imu, time=there.imu.time + clock)
-        return replace(prepare(imu, there.gps, drives.SPEC, there.settings), clock=clock)
+        return replace(prepare(imu, there.gps, drives.SPEC, there.receiver), clock=clock)
 
-    ready = on_time(prepared, there.settings)
+    ready = on_time(prepared, there.receiver)
     assert abs(ready.clock - delay) < 2.0 * DELAY_SD  # from where the filter goes on
-    assert abs(ready.settings.velocity_lag - lag) < 3.0 * max(ready.settings.lag_sd, 0.002)
-    assert ready.settings.lag_sd < 0.03
+    assert abs(ready.receiver.lag.value - lag) < 3.0 * max(ready.receiver.lag.sd, 0.002)
+    assert ready.receiver.lag.sd < 0.03
 
 
 def test_the_filter_is_no_surer_of_the_delay_than_of_the_lag():
@@ -160,7 +161,7 @@ def test_false_fixes_of_a_precise_receiver_do_not_decide():
     ready = insnav.load(imu, replace(gps, lla=lla_offset(gps.lla, off))).until("align").ready
     assert ready.clock == pytest.approx(-0.071, abs=0.012)
     assert ready.rate == pytest.approx(-290e-6, abs=60e-6)
-    assert ready.settings.velocity_lag == pytest.approx(0.130, abs=0.005)
+    assert ready.receiver.lag.value == pytest.approx(0.130, abs=0.005)
 
 
 @pytest.mark.parametrize("row", [0, 1, 200, -1])
@@ -169,8 +170,8 @@ def test_a_fix_where_nothing_can_have_been_does_not_decide(row):
     lla = ready.gps.lla.copy()
     lla[row, 0] += 1e5 / 6.4e6
     lost = replace(ready.gps, lla=lla)
-    assert impossible(ready.settings.gates, lost)[row]
-    assert np.count_nonzero(impossible(ready.settings.gates, lost)) <= 2  # the only neighbour of the second is one, too
+    assert impossible(ready.gates, lost)[row]
+    assert np.count_nonzero(impossible(ready.gates, lost)) <= 2  # the only neighbour of the second is one, too
     assert by_likelihood(replace(ready, gps=lost)) == pytest.approx(by_likelihood(ready), abs=0.003)
 
 
@@ -179,7 +180,7 @@ def test_a_clock_that_drifts_is_found(rate):
     ready = recorded()
     begin = ready.imu.time[0]
     imu = replace(ready.imu, time=ready.imu.time - rate * (ready.imu.time - begin))
-    found, sd, drift = by_likelihood(prepare(imu, ready.gps, drives.SPEC, ready.settings))
+    found, sd, drift = by_likelihood(prepare(imu, ready.gps, drives.SPEC, ready.receiver))
     assert drift == pytest.approx(rate, abs=0.25 * abs(rate))
     assert found == pytest.approx(0.0, abs=0.03)
     assert sd < 0.02
@@ -442,7 +443,7 @@ def a_minute(name: str, begin: float, late: float) -> insnav.Drive:
 @pytest.mark.parametrize(("begin", "late"), [(243312.0, -0.2), (243362.0, 0.3), (243512.0, 0.3)])
 def test_a_minute_shows_the_lag_of_velocities_that_its_fixes_alone_show(begin, late):
     """The whole drive: 0.130 s. With the noise that the fixes state a delay explained the same: 0.006 to 0.010 s."""
-    assert a_minute("rtklib_drive_20250708", begin, late).until("align").ready.settings.velocity_lag == pytest.approx(
+    assert a_minute("rtklib_drive_20250708", begin, late).until("align").ready.receiver.lag.value == pytest.approx(
         0.13, abs=0.02
     )
 
@@ -489,12 +490,12 @@ def test_noise_of_the_fixes_shows_no_delay():
     imu, gps = (each.rows((each.time > begin) & (each.time < begin + 150.0)) for each in (made.imu, made.gps))
     true = plan.truth.evaluate(gps.time)
     ready = insnav.load(imu, replace(gps, lla=true.lla, v_n=true.v_n), imu="consumer").until("align").ready
-    ready = replace(ready, settings=replace(ready.settings, settled=True))
+    ready = drives.changed(ready, settled=True)
     for noise in (0.0, 1.0, 1.0, 1.0):
         rng = np.random.default_rng([31, len(found)])
         off, change = noise * rng.standard_normal((2, *gps.lla.shape))
         lla, v_n = lla_offset(true.lla, off * ready.gps.position_sd), true.v_n + change * ready.gps.velocity_sd
-        navigator = replace(ready, gps=replace(ready.gps, lla=lla, v_n=v_n)).navigator()
+        navigator = Navigator(replace(ready, gps=replace(ready.gps, lla=lla, v_n=v_n)))
         feed(navigator, ready.imu)
         navigator.history()
         found.append(navigator.delay)
@@ -546,11 +547,11 @@ def test_a_clock_to_which_the_next_look_goes_back_is_not_moved(monkeypatch: pyte
     ready = recorded()
     moved = list[float]()
 
-    def prepared(clock: float, _: float) -> Prepared:
+    def prepared(clock: float, _: float) -> FilterInput:
         moved.append(clock)
         return replace(late(ready, 0.0), clock=clock)
 
-    assert on_time(prepared, ready.settings).clock == 0.0
+    assert on_time(prepared, ready.receiver).clock == 0.0
     assert moved == [0.0, -0.032]
 
 
@@ -570,7 +571,7 @@ def test_fixes_of_another_time_are_as_likely_as_moved_ones(delay):
     """What the error states of one run say of a delay against a run with the samples moved by it."""
     seen = filtered(recorded())
     moved = filtered(late(recorded(), -delay))
-    there, here = (LateFixes(each.ready, each.settings, each.epochs) for each in (seen, moved))
+    there, here = (LateFixes(each.used, each.epochs) for each in (seen, moved))
     (cost,), (own,), least = (
         each.costs(np.array([at])).sum(axis=1) for each, at in ((there, delay), (here, 0.0), (there, 0.0))
     )
@@ -585,17 +586,17 @@ ROTATED = np.array([2e-4, -3e-4, 5e-4])  # also the steps of the other states [S
 def test_errors_show_in_fixes_of_another_time_as_differences_do(delay, state, column):
     """Of velocity, attitude, bias of the accelerometers and lever arm: the run's own state moved by a little."""
     seen = filtered(recorded())
-    epochs, settings, firsts = seen.epochs.copy(), seen.settings, [state]
+    epochs, used, firsts = seen.epochs.copy(), seen.used, [state]
     if column == STATE + 6:  # estimated minus true: C_nb is turned back
         turned = (np.eye(3) - skew(ROTATED)) @ dcm_from_quat(epochs[1:, column : column + 4])
         epochs[1:, column : column + 4] = quat_from_dcm(turned)
     elif column < 0:
-        firsts = [layout(settings).lever, layout(settings).shaken]  # of turns and of vibration
-        settings = replace(settings, lever_b=settings.lever_b + ROTATED)
+        firsts = [layout(used.receiver).lever, layout(used.receiver).shaken]  # of turns and of vibration
+        used = drives.changed(used, lever_b=used.receiver.lever_arm.value + ROTATED)
     else:
         epochs[1:, column : column + 3] += ROTATED
-    runs = (seen.settings, seen.epochs), (settings, epochs)
-    (before, shown), (after, _) = (LateFixes(seen.ready, *each).measured(delay, 0.0, 0.0) for each in runs)
+    runs = (seen.used, seen.epochs), (used, epochs)
+    (before, shown), (after, _) = (LateFixes(*each).measured(delay, 0.0, 0.0) for each in runs)
     expected = sum(shown[:, :, first : first + 3] @ ROTATED for first in firsts if first >= 0)
     assert np.abs(expected).max() > 1e-5
     np.testing.assert_allclose(after - before, expected, atol=0.02 * np.abs(expected).max())
@@ -629,8 +630,8 @@ def test_the_scale_of_a_lever_arm_is_that_of_the_drive(arm, known):
 
 @pytest.mark.parametrize(("off", "wide"), [(0.3, False), (4.0, True)])
 def test_a_lever_arm_that_is_far_off_keeps_the_wide_prior(off, wide):
-    settings = FilterSettings(lever_b=drives.LEVER_B - [off, 0.0, 0.0], lever_sd=1.0, delay_sd=DELAY_SD)
-    assert (filtered(replace(recorded(), settings=settings)).lever_sd > 1.5) == wide
+    ready = drives.changed(recorded(), lever_b=drives.LEVER_B - [off, 0.0, 0.0], lever_sd=1.0)
+    assert (filtered(ready).lever_sd > 1.5) == wide
 
 
 @pytest.mark.parametrize("profile", ["city", "bends"])
@@ -647,13 +648,14 @@ def test_noise_of_the_accelerometers_is_no_delay(profile):
 def test_a_gap_does_not_make_a_walk_a_rest():
     """After 40 s without fixes a velocity is known to 20 m/s: seven walks had no delay, and headings 35 deg off."""
     seen = filtered(recorded())
-    assert LateFixes(seen.ready, seen.settings, seen.epochs).moves
-    covariance = seen.epochs.shape[1] - layout(seen.settings).states * (layout(seen.settings).states + 1) // 2
+    assert LateFixes(seen.used, seen.epochs).moves
+    states = layout(seen.used.receiver).states
+    covariance = seen.epochs.shape[1] - states * (states + 1) // 2
     unsure = seen.epochs.copy()
     unsure[100:104, covariance + np.array([9, 14, 20])] = 1e6
-    assert LateFixes(seen.ready, seen.settings, unsure).moves
+    assert LateFixes(seen.used, unsure).moves
     unsure[:, covariance + np.array([9, 14, 20])] = 1e6
-    assert not LateFixes(seen.ready, seen.settings, unsure).moves
+    assert not LateFixes(seen.used, unsure).moves
 
 
 @pytest.mark.parametrize("seed", [0, 1])

@@ -9,7 +9,6 @@ import pytest
 
 import insnav
 from insnav.earth import ned_offset
-from insnav.filter import FilterSettings
 from insnav.filter.gps_noise import (
     DEFAULT_POSITION,
     DEFAULT_VELOCITY,
@@ -20,7 +19,6 @@ from insnav.filter.gps_noise import (
     with_sd,
 )
 from insnav.filter.noise_identification import identify_noise
-from insnav.filter.prepare import Prepared
 from insnav.findings import ASSUMED_POSITION_SD, Code, Severity, of_code
 from insnav.session.simulation import plan_of, profiled
 from insnav.simulate import GpsErrors, corrupt_gps, gps_from_truth
@@ -141,9 +139,7 @@ def test_an_open_velocity_says_nothing_of_the_noise():
     imu = drives.noisy_imu(drives.perfect_imu(laps=8), drives.MODEL, rng)
     gps, _ = with_sd(level_only(drives.noisy_gps(drives.perfect_gps(laps=8), rng)))
     start = drives.begin(drives.MODEL, rng, laps=8)
-    settings = FilterSettings(lever_b=drives.LEVER_B, gates=drives.UNFAILING)
-    ready = Prepared(imu, gps, drives.MODEL, settings, start.alignment, start.initial, 0.02, ())
-    found = identify_noise(ready, drives.SPEC)
+    found = identify_noise(drives.ready(imu, gps, start, gates=drives.UNFAILING), drives.SPEC)
     assert found is not None
     assert found.velocity_factor[0] == pytest.approx(1.0, abs=0.07)
 

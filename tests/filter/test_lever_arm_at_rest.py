@@ -9,6 +9,7 @@ import pytest
 
 import insnav
 from insnav.errors.metrics import position_errors
+from insnav.filter.navigator import Navigator
 from insnav.findings import Code, Severity, of_code
 from insnav.kernels.measurements import antenna, correct_with_arm
 from insnav.session.simulation import plan_of, profiled
@@ -53,7 +54,7 @@ def drive():
 def test_rest_shows_neither_lever_arm_nor_heading(drive):
     drive, _ = drive
     ready = drive.until("noise").ready
-    navigator = ready.navigator()
+    navigator = Navigator(ready)
     start = ready.imu.time[0]
     before = np.sqrt(np.diagonal(navigator._estimate.covariance))
     navigator.feed(ready.imu.rows(ready.imu.time < start + 55.0))

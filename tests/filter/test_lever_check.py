@@ -14,11 +14,13 @@ from insnav.attitude import dcm_from_rph, wrap_pi
 from insnav.earth import lla_offset, ned_offset
 from insnav.filter.delay_and_lever import with_hidden_lever
 from insnav.filter.navigate import feed
+from insnav.filter.navigator import Navigator
 from insnav.findings import Code, Severity, of_code
 from insnav.input import read_gps, read_imu
 from insnav.session.simulation import plan_of, profiled
 from insnav.types import GpsData, ImuData
 from insnav.units import DEG
+from tests.filter import drives
 from tests.shared import recorded
 
 
@@ -159,7 +161,7 @@ def test_what_parts_of_the_drive_disagree_on_leaves_the_lever_arm_of_the_filter(
     ready = insnav.load(drive.imu.data, drive.gps.data).until("align").ready
     runs = []
     for least_delay_sd in (0.0, 0.3):
-        some = replace(ready, settings=replace(ready.settings, least_delay_sd=least_delay_sd, smooth=False))
-        runs.append(feed(some.navigator(), some.imu).finish())
+        some = drives.changed(ready, least_delay_sd=least_delay_sd, smooth=False)
+        runs.append(feed(Navigator(some), some.imu).finish())
     assert (runs[1].lever_sd > 1.2 * runs[0].lever_sd).any()
     np.testing.assert_array_equal(runs[1].lever_sd_alone, runs[0].lever_sd)

@@ -13,10 +13,10 @@ import insnav
 from insnav.alignment.in_motion import sure_motion
 from insnav.attitude import wrap_pi
 from insnav.earth import A, ned_offset
-from insnav.filter import FilterSettings
 from insnav.filter.delay_and_lever import filtered
 from insnav.filter.navigate import navigate_recording
-from insnav.filter.prepare import DELAY_SD, prepare
+from insnav.filter.prepare import prepare
+from insnav.filter.receiver import DELAY_SD, Delay, LeverArm, Receiver
 from insnav.findings import Code, of_code
 from insnav.input import read_gps, read_imu
 from insnav.session.simulation import plan_of, profiled
@@ -62,7 +62,7 @@ def test_the_first_minute_of_a_moving_start_is_as_good_as_the_rest_after_smoothi
     forward, smoothed = [], []
     for seed in range(6):
         imu, gps = begun_in_motion(seed)
-        run = navigate_recording(imu, gps, drives.SPEC, FilterSettings(lever_b=drives.LEVER_B, delay_sd=0.0)).run
+        run = navigate_recording(imu, gps, drives.SPEC, Receiver(LeverArm(drives.LEVER_B), Delay(sd=0.0))).run
         assert run.alignment.static is None
         assert run.smoothed is not None
         forward.append(squares(run.solution))
@@ -92,7 +92,7 @@ def test_the_attitude_at_the_start_is_that_of_its_own_fix():
     """Of long drives only some fixes are looked at: where that of the start was none, a ship was rolled by 8 deg."""
     imu, gps = begun_in_motion(1, laps=10)
     imu = imu.rows(imu.time > gps.time[0] + 0.3)  # the second fix is the first that it covers
-    ready = prepare(imu, gps, drives.SPEC, FilterSettings(lever_b=drives.LEVER_B, delay_sd=DELAY_SD))
+    ready = prepare(imu, gps, drives.SPEC, Receiver(LeverArm(drives.LEVER_B), Delay(sd=DELAY_SD)))
     seen = filtered(ready).ready
     assert seen.gps.time.size < gps.time.size
     assert seen.alignment.level_method is Code.ALIGN_LEVEL_MOTION_FILTER

@@ -10,10 +10,13 @@ import pytest
 
 import insnav
 from insnav.earth import lla_offset, ned_offset
-from insnav.filter import FilterSettings, error_model, noise_estimate
+from insnav.filter import noise_estimate
+from insnav.filter.error_model import error_model
+from insnav.filter.filter_input import FilterInput
 from insnav.filter.gates import Gates
 from insnav.filter.gps_noise import CorrelatedNoise
 from insnav.filter.innovation_likelihood import LARGEST, SHARE, InnovationLikelihood, thinned
+from insnav.filter.navigator import Navigator
 from insnav.filter.noise_estimate import NoiseEstimate
 from insnav.filter.noise_identification import (
     ENOUGH,
@@ -26,7 +29,6 @@ from insnav.filter.noise_identification import (
     maximise,
     with_noise,
 )
-from insnav.filter.prepare import Prepared
 from insnav.findings import Code, Severity, of_code
 from insnav.imu.specification import ImuSpec, SensorSpec, level_bias
 from insnav.kernels import noise_likelihood as kernel
@@ -58,11 +60,10 @@ def wrong_spec() -> ImuSpec:
     return replace(drives.SPEC, **sensors)
 
 
-def prepared(imu: ImuData, gps: GpsData, spec: ImuSpec, seed: int, laps: int = LAPS) -> Prepared:
+def prepared(imu: ImuData, gps: GpsData, spec: ImuSpec, seed: int, laps: int = LAPS) -> FilterInput:
     model = error_model(spec, 21)
     start = drives.begin(model, np.random.default_rng([5, seed]), laps)
-    settings = FilterSettings(lever_b=drives.LEVER_B, gates=drives.UNFAILING)
-    return Prepared(imu, gps, model, settings, start.alignment, start.initial, 0.02, ())
+    return drives.ready(imu, gps, start, model, gates=drives.UNFAILING)
 
 
 def recorded(seed: int, errors: GpsErrors | None = None, laps: int = LAPS) -> tuple[ImuData, GpsData]:
@@ -72,9 +73,9 @@ def recorded(seed: int, errors: GpsErrors | None = None, laps: int = LAPS) -> tu
     return imu, drives.noisy_gps(gps, rng) if errors is None else corrupt_gps(gps, errors, seed)
 
 
-def settled_attitude(ready: Prepared) -> FloatArray:
+def settled_attitude(ready: FilterInput) -> FloatArray:
     """Mean roll, pitch and heading after a quarter of a drive."""
-    navigator = ready.navigator()
+    navigator = Navigator(ready)
     navigator.feed(ready.imu)
     rph = np.unwrap(navigator.finish().solution.rph, axis=0)
     return np.asarray(rph[rph.shape[0] // 4 :].mean(axis=0))
@@ -176,7 +177,7 @@ def test_with_its_own_noise_the_innovations_are_those_of_the_filter(of_velocitie
     if coarse:
         sizes = itertools.pairwise(1e-6 * np.random.default_rng(2).uniform(0.0, 1.0, (12, 3)))
         rounding = tuple(RoundingChange(float(gps.time[20 + 15 * i]), *each) for i, each in enumerate(sizes))
-        ready = replace(ready, settings=replace(ready.settings, rounding=rounding))
+        ready = replace(ready, rounding=rounding)
     drive = InnovationLikelihood(ready, drives.SPEC)
     if of_velocities:
         drive = drive.with_correlated_velocities()
@@ -184,7 +185,7 @@ def test_with_its_own_noise_the_innovations_are_those_of_the_filter(of_velocitie
     innovation, variance = drive.normalised(at)
     correlated = drive.fixes_of(at)[2]
     assert correlated.sds.size == 3 + 3 * of_velocities
-    navigator = replace(ready, settings=replace(ready.settings, correlated=correlated)).navigator()
+    navigator = Navigator(ready.replace_correlated(correlated))
     navigator.feed(imu)
     run = navigator.finish()
     assert run.innovations.used_position.all()
@@ -330,7 +331,7 @@ def test_the_white_part_of_fast_fixes_is_as_small_as_it_is():
 def test_a_share_that_is_the_largest_has_finite_log_odds():
     imu, gps = recorded(2, laps=2)
     ready = prepared(imu, gps, drives.SPEC, 2, laps=2)
-    ready = replace(ready, settings=replace(ready.settings, correlated=CorrelatedNoise(0.95, 300.0, np.ones(3))))
+    ready = ready.replace_correlated(CorrelatedNoise(0.95, 300.0, np.ones(3)))
     seen = known_likelihood(ready, drives.SPEC)  # a division by zero
     assert seen is not None
     found = seen[0].fixes_of(seen[1])[2]
@@ -350,7 +351,7 @@ def test_velocities_that_are_off_for_minutes_do_not_lead_heights_away():
     np.testing.assert_allclose(estimate.correlated.velocity_sd, 0.15, rtol=0.4)
     assert estimate.correlated.velocity_time == pytest.approx(100.0, rel=0.6)
     ready = with_noise(ready, estimate)
-    navigator = ready.navigator()
+    navigator = Navigator(ready)
     navigator.feed(imu)
     found = navigator.finish().smoothed.solution
     error = found.lla[:, 2] - drives.truth(LAPS).evaluate(found.time).lla[:, 2]
@@ -445,7 +446,7 @@ def test_false_fixes_that_reset_the_filter_do_not_make_it_forget_the_axes():
     false = (gps.time > gps.time[0] + 60.0) & (gps.time < gps.time[0] + 80.0)
     false_lla = lla_offset(gps.lla, np.array([40.0, -30.0, 20.0]))
     ready = prepared(imu, replace(gps, lla=np.where(false[:, None], false_lla, gps.lla)), drives.SPEC, 5, laps=8)
-    ready = replace(ready, settings=replace(ready.settings, gates=Gates()))
+    ready = replace(ready, gates=Gates())
     assert InnovationLikelihood(ready, drives.SPEC).reset
     drive, at = known_likelihood(ready, drives.SPEC)
     assert not drive.reset

@@ -10,11 +10,13 @@ import pytest
 from insnav.attitude import dcm_from_quat, dcm_from_rph, wrap_pi
 from insnav.earth import gravity_n, ned_offset
 from insnav.exceptions import AlignmentError
-from insnav.filter import FilterSettings, initial_state
-from insnav.filter.error_model import first_state
+from insnav.filter.error_model import first_state, initial_state
 from insnav.filter.estimate import Across, Estimate
+from insnav.filter.filter_input import FilterInput, Output
 from insnav.filter.navigate import Navigated, navigate_prepared, navigate_recording
-from insnav.filter.prepare import GivenStart, Prepared, Start, prepare
+from insnav.filter.navigator import Navigator
+from insnav.filter.prepare import GivenStart, Start, prepare
+from insnav.filter.receiver import Delay, LeverArm, Receiver
 from insnav.findings import Code, of_code
 from insnav.kernels.dynamics import NAV
 from insnav.simulate import reference
@@ -24,7 +26,7 @@ from tests.filter import drives
 
 LAPS = 4
 START = drives.truth(LAPS).start
-SETTINGS = FilterSettings(lever_b=drives.LEVER_B, output_interval=0.5)
+RECEIVER, OUTPUT = Receiver(LeverArm(drives.LEVER_B)), Output(0.5)
 
 
 def recording(seed: int, *gaps: tuple[float, float]) -> tuple[ImuData, GpsData]:
@@ -39,7 +41,7 @@ def recording(seed: int, *gaps: tuple[float, float]) -> tuple[ImuData, GpsData]:
 
 
 def navigated(seed: int, *gaps: tuple[float, float]) -> Navigated:
-    return navigate_recording(*recording(seed, *gaps), drives.SPEC, SETTINGS)
+    return navigate_recording(*recording(seed, *gaps), drives.SPEC, RECEIVER, output=OUTPUT)
 
 
 @pytest.mark.parametrize("gaps", [[(100.0, 105.0)], [(83.0, 160.0)], [(60.0, 64.0), (150.0, 200.0)]])
@@ -90,7 +92,7 @@ def test_parts_are_listed_and_what_was_assumed():
 
 
 def test_a_later_part_tells_of_the_sensors_in_an_earlier_one():
-    short = navigate_recording(*(each.rows(each.time < START + 100.0) for each in recording(1)), drives.SPEC, SETTINGS)
+    short = navigate_recording(*(each.rows(each.time < START + 100.0) for each in recording(1)), drives.SPEC, RECEIVER)
     both = navigated(1, (100.0, 105.0))
     alone, joined = short.run.smoothed.sensor_errors, both.run.smoothed.sensor_errors
     row = int(np.searchsorted(joined.time, START + 60.0))
@@ -101,11 +103,11 @@ def test_a_later_part_tells_of_the_sensors_in_an_earlier_one():
 
 
 def test_sensor_errors_fade_in_the_gap_as_gauss_markov_processes_do():
-    ready = prepare(*recording(0), drives.SPEC, SETTINGS)
-    first = first_state(ready.initial, ready.settings)
+    ready = prepare(*recording(0), drives.SPEC, RECEIVER)
+    first = first_state(ready.initial, ready.receiver)
     first.covariance[NAV:, NAV:] *= 0.01
     before = np.diag(first.covariance)[NAV:21].copy()
-    estimate = Estimate(first, ready.model, ready.settings, note=print, coast=1.0, alignment=ready.alignment)
+    estimate = Estimate(ready, first, note=print, coast=1.0)
     estimate.go_on(ready.initial, 200.0)
     stationary = ready.model.noise[6:18] / (2.0 * ready.model.decay)
     fade = np.exp(-2.0 * ready.model.decay * 200.0)
@@ -115,9 +117,9 @@ def test_sensor_errors_fade_in_the_gap_as_gauss_markov_processes_do():
 
 def test_the_covariance_of_a_new_alignment_is_that_of_first_state_where_nothing_is_known():
     """With the sensor errors as uncertain as at the start, going on is starting anew."""
-    ready = prepare(*recording(0), drives.SPEC, replace(SETTINGS, delay_sd=0.05))
-    first = first_state(ready.initial, ready.settings)
-    estimate = Estimate(first, ready.model, ready.settings, note=print, coast=1.0, alignment=ready.alignment)
+    ready = prepare(*recording(0), drives.SPEC, replace(RECEIVER, delay=Delay(sd=0.05)))
+    first = first_state(ready.initial, ready.receiver)
+    estimate = Estimate(ready, first, note=print, coast=1.0)
     estimate.go_on(ready.initial, 0.0)
     np.testing.assert_allclose(estimate.covariance[NAV:, NAV:], first.covariance[NAV:, NAV:], atol=1e-18)
     np.testing.assert_allclose(estimate.covariance[3:NAV, :21], first.covariance[3:NAV, :21], rtol=1e-9, atol=1e-16)
@@ -132,10 +134,11 @@ def test_a_bias_that_is_known_by_now_corrects_the_level():
     initial = initial_state(alignment, drives.MODEL, drives.PLACE, np.zeros(3), np.ones(3), np.full(3, 0.1))
     g = gravity_n(drives.PLACE[0], drives.PLACE[2])
     assert np.linalg.norm(Across.of(initial).slope[6:9, 3:6], axis=1).max() == pytest.approx(1.0 / g[2], rel=1e-3)
-    first = first_state(initial, SETTINGS)
+    first = first_state(initial, RECEIVER)
     known = np.array([0.05, -0.03, 0.0])
     first.correction[3:6] = known
-    estimate = Estimate(first, drives.MODEL, SETTINGS, note=print, coast=1.0, alignment=alignment)
+    ready = drives.ready(*recording(0), drives.Begin(initial, alignment))
+    estimate = Estimate(ready, first, note=print, coast=1.0)
     estimate.go_on(initial, 0.0)
     force = dcm_from_rph(rph).T @ -g  # as sensed at rest, bias and all
     level = dcm_from_quat(estimate.x[6:]) @ (force - known)
@@ -146,22 +149,21 @@ def test_a_given_start_holds_for_its_part_only():
     imu, gps = recording(0, (100.0, 105.0))
     at = reference(drives.truth(LAPS), np.array([START + 20.0]))
     start = Start(START + 20.0, at.lla[0], at.v_n[0], at.rph[0], np.ones(3), np.full(3, 0.1), np.full(3, DEG))
-    ready = prepare(imu, gps, drives.SPEC, SETTINGS, known=GivenStart(start))
+    ready = prepare(imu, gps, drives.SPEC, RECEIVER, known=GivenStart(start))
     assert ready.alignment.heading_method is Code.ALIGN_HEADING_GIVEN
-    assert [part.alignment.heading_method for part in ready.parts] == [Code.ALIGN_HEADING_COURSE]
+    assert [part.alignment.heading_method for part in ready.starts[1:]] == [Code.ALIGN_HEADING_COURSE]
 
 
 def test_no_part_that_can_be_aligned_is_refused_with_the_first_reason():
     imu, gps = recording(0, (5.0, 295.0))
     with pytest.raises(AlignmentError, match=r"align.part_short"):
-        prepare(imu, gps, drives.SPEC, SETTINGS)
+        prepare(imu, gps, drives.SPEC, RECEIVER)
 
 
 def test_blocks_make_no_difference():
-    dense = replace(SETTINGS, output_interval=0.1)
-    ready = prepare(*recording(2, (100.0, 105.0), (150.0, 200.0)), drives.SPEC, dense)
+    ready = prepare(*recording(2, (100.0, 105.0), (150.0, 200.0)), drives.SPEC, RECEIVER)
     whole = navigate_prepared(ready, drives.SPEC, aiding="off").run
-    navigator = ready.navigator()
+    navigator = Navigator(ready)
     for first in range(0, ready.imu.time.shape[0], 97):
         navigator.feed(ready.imu.rows(slice(first, first + 97)))
     pieces = navigator.finish()
@@ -170,7 +172,7 @@ def test_blocks_make_no_difference():
 
 
 def test_without_a_gap_there_are_no_parts():
-    ready: Prepared = prepare(*recording(0), drives.SPEC, SETTINGS)
-    assert ready.parts == ()
+    ready: FilterInput = prepare(*recording(0), drives.SPEC, RECEIVER)
+    assert len(ready.starts) == 1
     assert ready.longest_part() is ready
     assert ready.unbroken_until(START + 10.0) == ready.imu.time[-1]

@@ -9,7 +9,7 @@ import pytest
 
 from insnav.attitude import dcm_from_rph, quat_from_rotvec, quat_from_rph, quat_multiply, rph_from_quat, wrap_pi
 from insnav.earth import lla_offset, ned_offset
-from insnav.filter import initial_state
+from insnav.filter.error_model import initial_state
 from insnav.filter.run_recorder import covariance_at, move_to_point
 from insnav.simulate import imu_from_truth
 from insnav.types import Alignment, Epochs, ImuData, Run, Trajectory

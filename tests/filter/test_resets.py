@@ -11,10 +11,11 @@ import insnav
 from insnav.attitude import dcm_from_quat
 from insnav.earth import ned_offset
 from insnav.exceptions import InputError
-from insnav.filter import FilterSettings, Navigator
 from insnav.filter.estimate import Engine
 from insnav.filter.navigate import navigate_recording
+from insnav.filter.navigator import Navigator
 from insnav.filter.prepare import GivenStart, Start
+from insnav.filter.receiver import LeverArm, Receiver
 from insnav.findings import Code
 from insnav.kernels.measurements import antenna
 from insnav.simulate import Truth, gps_from_truth, imu_from_truth, reference
@@ -80,9 +81,9 @@ def test_a_position_set_to_a_fix_is_as_unsure_as_lever_arm_and_delay(gap):
     """After a reset the antenna is as sure as the fix, by the derivative of the measurement."""
     start = drives.begin(drives.MODEL, np.random.default_rng(3))
     initial = replace(start.initial, v_n=np.array([12.0, -5.0, 1.0]))
-    settings = FilterSettings(lever_sd=0.7, delay_sd=0.05)
-    gps = drives.perfect_gps()
-    estimate = Navigator(initial, drives.MODEL, gps, start.alignment, 0.02, settings)._estimate
+    begin, gps = drives.Begin(initial, start.alignment), drives.perfect_gps()
+    ready = drives.ready(drives.perfect_imu(), gps, begin, lever_b=np.zeros(3), lever_sd=0.7, delay_sd=0.05)
+    estimate = Navigator(ready)._estimate
     if gap:
         fix = initial.covariance[:3, :3]
         estimate.go_on(initial, 10.0)
@@ -191,8 +192,8 @@ def driven_at(lat_deg: float) -> tuple[Run, Truth]:
     gps = replace(gps, position_sd=np.full((n, 3), 0.5), velocity_sd=np.full((n, 3), 0.1))
     at = motion.evaluate(imu.time[:1])
     start = Start(imu.time[0], at.lla[0], at.v_n[0], at.rph[0], np.full(3, 0.5), np.full(3, 0.1), np.full(3, 0.3 * DEG))
-    settings = FilterSettings(lever_b=drives.LEVER_B)
-    return navigate_recording(imu, gps, drives.SPEC, settings, known=GivenStart(start)).run, motion
+    receiver = Receiver(LeverArm(drives.LEVER_B))
+    return navigate_recording(imu, gps, drives.SPEC, receiver, known=GivenStart(start)).run, motion
 
 
 @pytest.mark.parametrize("lat_deg", [89.9, -89.9])

@@ -11,7 +11,7 @@ import pytest
 from insnav.attitude import dcm_from_rph, wrap_pi
 from insnav.earth import ned_offset
 from insnav.exceptions import ConfigError, InputError
-from insnav.filter import error_model
+from insnav.filter.error_model import error_model
 from insnav.filter.measurements import kinds, measurements_from_drive
 from insnav.filter.measurements.measurement import FirstPass, clock_offset
 from insnav.findings import Code, Finding, of_code

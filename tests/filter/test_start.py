@@ -16,10 +16,12 @@ from insnav.attitude import dcm_from_rph, wrap_pi
 from insnav.earth import lla_offset, ned_offset
 from insnav.errors.evaluated_run import EvaluatedRun, run_warnings
 from insnav.exceptions import InputError
-from insnav.filter import FilterSettings, initial_state
+from insnav.filter.error_model import initial_state
+from insnav.filter.filter_input import Output
 from insnav.filter.gps_noise import CorrelatedNoise
 from insnav.filter.navigate import navigate_recording
-from insnav.filter.prepare import DELAY_SD, GivenStart, Start, prepare
+from insnav.filter.prepare import GivenStart, Start, prepare
+from insnav.filter.receiver import DELAY_SD, Delay, LeverArm, Receiver
 from insnav.findings import CONTRADICTIONS, Code, of_code
 from insnav.result import Result
 from insnav.session.simulation import plan_of, profiled
@@ -36,7 +38,7 @@ ERRORS = GpsErrors((0.3, 0.3, 0.5), (2.0, 2.0, 3.0), 60.0)
 LASTING = CorrelatedNoise(4.0 / 4.09, 60.0, np.array([2.0, 2.0, 3.0]))
 RTK = GpsErrors((0.02, 0.02, 0.03), velocity_noise=(0.03, 0.03, 0.05))
 JUMP = np.array([300.0, 400.0, 0.0])
-SETTINGS = FilterSettings(lever_b=drives.LEVER_B, output_interval=1.0)
+RECEIVER, OUTPUT = Receiver(LeverArm(drives.LEVER_B)), Output(1.0)
 
 
 def from_first_fix(seed: int, jump_after: float = np.inf) -> Run:
@@ -90,7 +92,7 @@ def test_a_clock_offset_is_found_from_a_start_in_motion(velocity):
         gps = corrupt_gps(drives.perfect_gps(laps=3), RTK, seed)
         imu = after(drives.noisy_imu(drives.perfect_imu(laps=3), drives.MODEL, rng), 1019.5)
         gps = replace(gps, time=gps.time + 0.05, v_n=gps.v_n if velocity else gps.v_n * np.nan)
-        run = navigate_recording(imu, gps, drives.SPEC, replace(SETTINGS, delay_sd=DELAY_SD)).run
+        run = navigate_recording(imu, gps, drives.SPEC, replace(RECEIVER, delay=Delay(sd=DELAY_SD)), output=OUTPUT).run
         assert run.alignment.static is None
         ratios.append((run.gps_delay - 0.05) / run.gps_delay_sd)
         assert run.gps_delay_sd < 0.01
@@ -117,7 +119,7 @@ def refused(
 ) -> InputError:
     gps, known = gps or drives.perfect_gps(laps=1), GivenStart(start, span, None if span is None else 0.4)
     with pytest.raises(InputError) as caught:
-        navigate_recording(imu, gps, drives.SPEC, SETTINGS, known=known)
+        navigate_recording(imu, gps, drives.SPEC, RECEIVER, output=OUTPUT, known=known)
     assert caught.value.exit_code == 3
     assert caught.value.why
     assert caught.value.fix
@@ -130,7 +132,7 @@ def test_a_start_at_the_beginning_of_the_first_interval_is_inside(rate):
     time = np.arange(1, 20 * rate + 1) / rate
     imu = ImuData(time, np.zeros((time.size, 3)), np.tile([0.0, 0.0, -9.8], (time.size, 1)))
     run = navigate_recording(
-        imu, drives.perfect_gps(laps=1), drives.SPEC, SETTINGS, known=GivenStart(start_at(0.0))
+        imu, drives.perfect_gps(laps=1), drives.SPEC, RECEIVER, output=OUTPUT, known=GivenStart(start_at(0.0))
     ).run
     assert run.solution.time[0] <= 0.2
 
@@ -160,7 +162,7 @@ def test_an_initial_state_in_a_long_gap_is_refused():
 
 def test_the_state_starts_at_the_imu_not_at_the_antenna():
     motion = drives.truth()
-    ready = prepare(drives.perfect_imu(), drives.perfect_gps(), drives.SPEC, FilterSettings(lever_b=drives.LEVER_B))
+    ready = prepare(drives.perfect_imu(), drives.perfect_gps(), drives.SPEC, Receiver(LeverArm(drives.LEVER_B)))
     error = ned_offset(ready.initial.lla, reference(motion, np.array([ready.initial.time])).lla[0])
     print(error, ready.alignment.heading_method)
     assert np.linalg.norm(error) < 0.1  # the antenna is 1.2 m away

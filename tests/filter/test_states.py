@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from insnav.filter import FilterSettings, Navigator
 from insnav.filter.gps_noise import CorrelatedNoise
+from insnav.filter.navigator import Navigator
 from tests.filter import drives
 
 
@@ -14,18 +14,14 @@ def test_going_on_from_a_kept_state_gives_the_same_result():
     imu = drives.noisy_imu(drives.perfect_imu(), drives.MODEL, rng)
     gps = drives.noisy_gps(drives.perfect_gps(), rng)
     start = drives.begin(drives.MODEL, rng)
-    settings = FilterSettings(
-        lever_b=drives.LEVER_B,
-        delay_sd=0.05,
-        output_interval=1.0,
-        correlated=CorrelatedNoise(sd=np.array([0.2, 0.2, 0.4]), time=60.0, share=0.2),
-    )
-    whole = Navigator(start.initial, drives.MODEL, gps, start.alignment, 0.02, settings, marks={100})
+    lasting = CorrelatedNoise(sd=np.array([0.2, 0.2, 0.4]), time=60.0, share=0.2)
+    ready = drives.ready(imu, gps, start, delay_sd=0.05, output_interval=1.0, correlated=lasting)
+    whole = Navigator(ready, marks={100})
     whole.feed(imu)
     all_of_it = whole.finish()
     (state,) = whole.kept.values()
     assert state.time == gps.time[100]
-    rest = Navigator(state, drives.MODEL, gps, start.alignment, 0.02, settings)
+    rest = Navigator(ready, state)
     rest.feed(imu)
     second = rest.finish()
     late = all_of_it.innovations.time > all_of_it.epochs.time[100] + 1e-6

@@ -7,10 +7,9 @@ from collections.abc import Iterable
 import numpy as np
 
 from insnav.alignment import stationary_of
-from insnav.filter import FilterSettings
 from insnav.filter.gps_noise import with_sd
 from insnav.filter.navigate import Navigated, navigate_recording
-from insnav.filter.prepare import DELAY_SD
+from insnav.filter.receiver import DELAY_SD, Delay, LeverArm, Receiver
 from insnav.imu import ImuSpec
 from insnav.input import read_gps, read_imu
 from insnav.steps.imu_noise import imu_from_rest
@@ -34,8 +33,8 @@ def imu_model(imu: ImuData, gps: GpsData) -> ImuSpec:
 
 def navigated(imu: ImuData, gps: GpsData, spec: ImuSpec, lever_b: Iterable[float] = (0.0, 0.0, 0.0)) -> Navigated:
     """Navigate; the time offset between the clocks is estimated."""
-    settings = FilterSettings(lever_b=np.array([*lever_b]), delay_sd=DELAY_SD)
-    done = navigate_recording(imu, gps, spec, settings)
+    receiver = Receiver(LeverArm(np.array([*lever_b])), Delay(sd=DELAY_SD))
+    done = navigate_recording(imu, gps, spec, receiver)
     _say(done.run.innovations)
     print(f"GPS clock offset {done.run.gps_delay:+.4f} s, sd {done.run.gps_delay_sd:.4f} s")
     return done

@@ -101,8 +101,8 @@ def test_standard_deviations_that_are_missing_come_from_a_stated_rule(done: Navi
         (note,) = of_code(done.notes, code)
         print(note)
         assert min(note[f"sd_{unit}"]) >= note[f"floor_{unit}"] > 0.0
-    assert np.isfinite(done.gps.position_sd).all()
-    assert np.isfinite(done.gps.velocity_sd[np.isfinite(done.gps.v_n).all(axis=1)]).all()
+    assert np.isfinite(done.ready.gps.position_sd).all()
+    assert np.isfinite(done.ready.gps.velocity_sd[np.isfinite(done.ready.gps.v_n).all(axis=1)]).all()
 
 
 def velocity_error(gps: GpsData) -> FloatArray:

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from insnav.errors.outage.gnss_outage import outage_growth, outages
-from insnav.filter import FilterSettings
 from insnav.filter.navigate import aided
-from insnav.filter.prepare import DELAY_SD, prepare
+from insnav.filter.prepare import prepare
+from insnav.filter.receiver import DELAY_SD, Delay, LeverArm, Receiver
 from insnav.input import read_gps
 from insnav.types import GpsData, ImuData
 from tests.recorded.recording import imu_model, recording
@@ -17,7 +17,7 @@ from tests.shared import recorded
 def errors(imu: ImuData, gps: GpsData, lever_b: tuple[float, float, float], lengths: list[float]) -> list[float]:
     """Horizontal RMS at the end of windows of each length, NHC and odometer used."""
     spec = imu_model(imu, gps)
-    ready = aided(prepare(imu, gps, spec, FilterSettings(lever_b=np.array(lever_b), delay_sd=DELAY_SD)), spec)
+    ready = aided(prepare(imu, gps, spec, Receiver(LeverArm(np.array(lever_b)), Delay(sd=DELAY_SD))), spec)
     print(*ready.notes, sep="\n")
     sums = outage_growth(outages(ready, lengths=lengths))
     for each in sums:

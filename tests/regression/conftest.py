@@ -13,6 +13,7 @@ import pytest
 from insnav import strapdown
 from insnav.attitude import dcm_from_rph
 from insnav.earth import gravity_n
+from insnav.filter.receiver import Delay, LeverArm
 from insnav.regression import evaluate as run
 from insnav.regression.baseline import Baseline, Origin, renewed
 from insnav.regression.corpus import Corpus, Material, load_corpus
@@ -135,22 +136,22 @@ def worse_fixes(material: Material) -> Material:
     return replace(material, gps=replace(gps, position_sd=root * gps.position_sd, velocity_sd=root * gps.velocity_sd))
 
 
-def other_settings(**changes) -> Callable[[Material], Material]:
-    return lambda material: replace(material, settings=replace(material.settings, **changes))
+def with_delay(delay: float) -> Callable[[Material], Material]:
+    return lambda material: replace(material, receiver=replace(material.receiver, delay=Delay(delay)))
 
 
 def moved_antenna(metres: float) -> Callable[[Material], Material]:
     def moved(material: Material) -> Material:
-        lever_b = material.settings.lever_b + np.array([metres, 0.0, 0.0])
-        return replace(material, settings=replace(material.settings, lever_b=lever_b))
+        lever_arm = LeverArm(material.receiver.lever_arm.value + np.array([metres, 0.0, 0.0]))
+        return replace(material, receiver=replace(material.receiver, lever_arm=lever_arm))
 
     return moved
 
 
 def wider_gate(material: Material) -> Material:
-    gates = replace(material.settings.gates)
+    gates = replace(material.gates)
     object.__setattr__(gates, "nis_limit", 2.0 * gates.nis_limit)
-    return replace(material, settings=replace(material.settings, gates=gates))
+    return replace(material, gates=gates)
 
 
 def gravity_without_north(material: Material) -> Material:
@@ -172,7 +173,7 @@ SPOILS: dict[str, Callable[[Material], Material]] = {
     "Q doubled": more_noise,
     "R doubled": worse_fixes,
     "lever arm 10 cm": moved_antenna(0.1),
-    "delay 20 ms": other_settings(delay=0.02, delay_sd=0.0),
+    "delay 20 ms": with_delay(0.02),
     "gate doubled": wider_gate,
     "gravity north": gravity_without_north,
 }

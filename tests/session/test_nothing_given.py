@@ -119,8 +119,8 @@ def test_a_budget_uses_the_noise_that_was_found():
 
 def test_a_lever_arm_of_zero_is_zero():
     drive = insnav.load(SAMPLE / "imu.csv.gz", SAMPLE / "gps.csv", lever_arm=(0.0, 0.0, 0.0))
-    assert drive.model.lever_arm.sd == 0.0
-    assert insnav.load(SAMPLE / "imu.csv.gz", SAMPLE / "gps.csv").model.lever_arm.sd == 1.0
+    assert drive.model.receiver.lever_arm.sd == 0.0
+    assert insnav.load(SAMPLE / "imu.csv.gz", SAMPLE / "gps.csv").model.receiver.lever_arm.sd == 1.0
 
 
 def test_a_drive_by_another_imu_is_named(tmp_path):

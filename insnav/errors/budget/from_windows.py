@@ -26,8 +26,9 @@ from insnav.errors.outage.free_inertial import NavigatedDrive, StartChoice, Wind
 from insnav.errors.outage.gnss_outage import Growth, Regression, by_motion, growth, regression, table_times
 from insnav.exceptions import ConfigError, InputError
 from insnav.filter.error_model import ErrorModel, InitialState
+from insnav.filter.filter_input import Aiding, FilterInput
 from insnav.filter.gps_noise import CorrelatedNoise
-from insnav.filter.prepare import Prepared
+from insnav.filter.receiver import Lag
 from insnav.findings import Code, Finding
 from insnav.imu import ImuSpec, SensorSpec
 from insnav.progress import announce
@@ -81,7 +82,7 @@ class Replicas:
 class ReplicaTask:
     """Task of a Monte Carlo: one replica for a seed."""
 
-    ready: Prepared  # the recorded drive with perfect samples
+    ready: FilterInput  # the recorded drive with perfect samples
     spec: ImuSpec
     truth: LevelTruth  # the motion
     fixes: GpsData  # perfect fixes at the recorded epochs, with the reported standard deviations
@@ -101,14 +102,16 @@ class ReplicaTask:
     def windows(self, seed: int) -> tuple[Windows, ...]:
         """Simulate, navigate and divide into windows."""
         sensors = corrupt_imu(self.ready.imu, self.spec, (seed, _IMU))
-        fixes = _with_errors(self.fixes, (seed, _FIXES), self.ready.settings.correlated)
+        receiver, lag = self.ready.receiver, Lag(moments=self.ready.receiver.lag.moments)
+        fixes = _with_errors(self.fixes, (seed, _FIXES), receiver.correlated)
+        start = _started(self.ready.initial, self.truth, sensors, np.random.default_rng((seed, _START)))
         ready = replace(
             self.ready,
             imu=sensors.imu,
             gps=fixes,
-            settings=replace(self.ready.settings, delay=0.0, velocity_lag=0.0, lag_sd=0.0, aiding=None),
-            initial=_started(self.ready.initial, self.truth, sensors, np.random.default_rng((seed, _START))),
-        )
+            receiver=replace(receiver, delay=replace(receiver.delay, value=0.0), lag=lag),
+            aiding=Aiding(),
+        ).replace_start(self.ready.alignment, start)
         if self.reference.own_fixes:
             compared = fixes.rows(np.isin(fixes.time, self.reference.fixes.time))
         else:
@@ -312,7 +315,7 @@ class RecordedBudget:
 
 
 def recorded_budget(
-    ready: Prepared,
+    ready: FilterInput,
     spec: ImuSpec,
     reference: WindowReference | None = None,
     settings: WindowSettings | None = None,
@@ -374,7 +377,7 @@ def recorded_budget(
         (
             *filter(None, (failure(drive.run),)),
             *ready.notes,
-            *_findings(reference, spec, settings, parts[0], correlated=ready.settings.correlated is not None),
+            *_findings(reference, spec, settings, parts[0], correlated=ready.receiver.correlated is not None),
         ),
     )
 

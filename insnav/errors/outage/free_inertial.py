@@ -17,10 +17,10 @@ from insnav.earth import gravity_n, lla_offset, ned_offset
 from insnav.errors.metrics import MOVING_M_S
 from insnav.exceptions import ConfigError, InputError
 from insnav.filter.error_model import ErrorModel, FilterState, layout
+from insnav.filter.filter_input import Aiding, FilterInput, Output
 from insnav.filter.navigate import feed
 from insnav.filter.navigator import Navigator
-from insnav.filter.prepare import Prepared
-from insnav.filter.settings import FilterSettings
+from insnav.filter.receiver import Receiver
 from insnav.imu import ImuErrors, correct
 from insnav.kernels.dynamics import NAV
 from insnav.kernels.errorstate import STATES
@@ -103,19 +103,14 @@ def window_starts(
     return np.asarray(rows[fixes[rows] <= end - length + _SAME])
 
 
-def part_of(ready: Prepared, state: FilterState, length: float) -> Prepared:
+def part_of(ready: FilterInput, state: FilterState, length: float) -> FilterInput:
     """Cut the samples that a filter needs to continue for a time.
 
     `length` [s].
     """
     end = min(state.time + length + _BEFORE, ready.unbroken_until(state.time) + _SAME)
     first, last = np.searchsorted(ready.imu.time, [state.time - _BEFORE, end])
-    return replace(ready, imu=ready.imu.rows(slice(first, last)))
-
-
-def valid(gps: GpsData) -> BoolArray:
-    """Return whether each fix is valid by its type, (n,)."""
-    return np.ones(gps.time.shape[0], dtype=np.bool_) if gps.fix is None else np.asarray(gps.fix != 0)
+    return replace(ready, imu=ready.imu.rows(slice(first, last)), starts=ready.starts[:1])
 
 
 def comparison_only(gps: GpsData, fix: int = 0) -> GpsData:
@@ -127,14 +122,14 @@ def comparison_only(gps: GpsData, fix: int = 0) -> GpsData:
 class NavigatedDrive:
     """Drive navigated with all fixes, and the filter's states at the starts of windows."""
 
-    ready: Prepared
+    ready: FilterInput
     run: Run
     states: tuple[FilterState, ...]  # in order of time
     clock: float  # time of the run minus sample time [s]
 
 
 def navigated_drive(
-    ready: Prepared, starts: FloatArray, progress: Callable[[float], None] | None = None, *, smooth: bool = True
+    ready: FilterInput, starts: FloatArray, progress: Callable[[float], None] | None = None, *, smooth: bool = True
 ) -> NavigatedDrive:
     """Navigate the whole drive and store the filter's state at some fixes.
 
@@ -142,39 +137,31 @@ def navigated_drive(
     replica.
     """
     rows = np.searchsorted(ready.gps.time, starts - 1e-6)
-    settings = replace(ready.settings, smooth=smooth, output_interval=_SOLUTION)
-    navigator = replace(ready, settings=settings).navigator(marks=set(rows.tolist()))
+    navigator = Navigator(replace(ready, output=Output(_SOLUTION, smooth)), marks=set(rows.tolist()))
     feed(navigator, ready.imu, progress)
     run = navigator.finish()
     states = tuple(state for _, state in sorted(navigator.kept.items()))
-    return NavigatedDrive(ready, run, states, run.gps_delay - ready.settings.delay)
+    return NavigatedDrive(ready, run, states, run.gps_delay - ready.receiver.delay.value)
 
 
-def free_inertial_settings(settings: FilterSettings, *, own_fixes: bool) -> FilterSettings:
-    """Return the settings of a filter without fixes and other aiding.
+def remove_aiding(ready: FilterInput, *, own_fixes: bool) -> FilterInput:
+    """Copy for a filter without fixes and other aiding.
 
     `own_fixes`: the reference is the drive's fixes, whose velocities may lag.
     """
-    return replace(
-        settings,
-        correlated=None,
-        lever_sd=0.0,
-        jitter=0.0,
-        velocity_lag=settings.velocity_lag if own_fixes else 0.0,
-        lag_sd=0.0,
-        heading_sd=0.0,
-        aiding=None,
-        smooth=False,
-        output_interval=1e9,
-    )
+    receiver = ready.receiver
+    lever_arm = replace(receiver.lever_arm, sd=0.0)
+    lag = replace(receiver.lag, value=receiver.lag.value if own_fixes else 0.0, sd=0.0)
+    receiver = replace(receiver, lever_arm=lever_arm, lag=lag, jitter=0.0, correlated=None, heading_sd=0.0)
+    return replace(ready, receiver=receiver, aiding=Aiding(), output=Output(1e9, smooth=False))
 
 
-def forward_start(state: FilterState, settings: FilterSettings, lever_b: FloatArray | None) -> FilterState:
+def forward_start(state: FilterState, receiver: Receiver, lever_b: FloatArray | None) -> FilterState:
     """Return the forward filter's state, after all earlier fixes, as the start of a window.
 
     `lever_b` (3,): point of the reference seen from the IMU [m]; None for the antenna.
     """
-    n = layout(settings).states
+    n = layout(receiver).states
     arm = state.lever_b if lever_b is None else lever_b
     return replace(state, covariance=state.covariance[:n, :n].copy(), correlated=np.zeros(3), lever_b=arm.copy())
 
@@ -251,9 +238,9 @@ class WindowReference:
     own_fixes: bool = False  # the reference is the drive's own fixes
 
 
-def reference_from_fixes(ready: Prepared) -> WindowReference:
+def reference_from_fixes(ready: FilterInput) -> WindowReference:
     """Build the reference from the drive's fixes, which the filter does not use in a window."""
-    usable = ready.gps.rows(valid(ready.gps) & np.isfinite(ready.gps.lla).all(axis=1))
+    usable = ready.gps.rows(ready.gps.valid & np.isfinite(ready.gps.lla).all(axis=1))
     return WindowReference(usable, "the drive's own GPS fixes", own_fixes=True)
 
 
@@ -333,7 +320,7 @@ class Windows:
 
 
 def free_window_starts(
-    ready: Prepared, length: float, first: float | None = None, spacing: float | None = None
+    ready: FilterInput, length: float, first: float | None = None, spacing: float | None = None
 ) -> FloatArray:
     """Find timestamps of fixes at which windows may begin, evenly along the drive.
 
@@ -349,8 +336,8 @@ def free_window_starts(
         raise ConfigError("budget.window_spacing", spacing_s=spacing, limit_s=LEAST)
     if first is not None and not 0.0 <= first < np.inf:
         raise ConfigError("budget.window_first", first_s=first)
-    stamps = ready.gps.time[valid(ready.gps)]
-    fixes = stamps - ready.settings.delay
+    stamps = ready.gps.time[ready.gps.valid]
+    fixes = stamps - ready.receiver.delay.value
     begin, end = ready.initial.time, float(min(ready.imu.time[-1], fixes[-1]))
     rows = window_starts(fixes, begin, end, length, first=first, spacing=spacing, rule="half of slack")
     return np.asarray(stamps[rows])
@@ -376,8 +363,8 @@ def free_windows(
     Returns: windows without gaps; `Windows.dropped` counts the others.
     Raises: InputError: no window remains.
     """
-    ready, delay = drive.ready, drive.ready.settings.delay
-    settings = free_inertial_settings(ready.settings, own_fixes=reference.own_fixes)
+    ready, delay = drive.ready, drive.ready.receiver.delay.value
+    free = remove_aiding(ready, own_fixes=reference.own_fixes)
     spread = max(1.0, float(np.median(np.diff(reference.fixes.time))))
     grid: FloatArray = np.arange(1.0, int(length / spread + 1e-6) + 1.0) * spread if times is None else times
     gaps = _gaps(ready, reference)
@@ -391,7 +378,7 @@ def free_windows(
         compared, known = _compared(reference.fixes, begin + grid, 0.5 * spread)
         if reason is None and not known[-1]:
             reason = "reference_end"
-        first = forward_start(state, settings, reference.lever_b)
+        first = forward_start(state, free.receiver, reference.lever_b)
         if start == "smoothed" and reason is None:
             seen = smoothed_start(first, drive.run, drive.clock)
             reason = "unused_start" if seen is None else None
@@ -400,7 +387,7 @@ def free_windows(
             dropped[reason] = dropped.get(reason, 0) + 1
             continue
         first = uncalibrated_start(first, ready.model) if uncalibrated else first
-        found.append(_navigated(part_of(ready, first, length), first, compared, known, settings, course))
+        found.append(_navigated(part_of(free, first, length), first, compared, known, course))
         if progress is not None:
             progress((number + 1) / len(drive.states))
     if not found:
@@ -411,16 +398,15 @@ def free_windows(
 
 
 def _navigated(
-    part: Prepared,
+    part: FilterInput,
     first: FilterState,
     compared: GpsData,
     known: BoolArray,
-    settings: FilterSettings,
     course: tuple[FloatArray, FloatArray, FloatArray],
 ) -> dict[str, Any]:
     """Navigate one window from its first state to its last epoch; return its row of each field of `Windows`."""
-    delay = part.settings.delay
-    run = feed(Navigator(first, part.model, compared, part.alignment, part.nominal, settings), part.imu).finish()
+    delay = part.receiver.delay.value
+    run = feed(Navigator(replace(part, gps=compared), first), part.imu).finish()
     seen, at = run.innovations, run.epochs
     reference_sd = np.column_stack([compared.position_sd, compared.velocity_sd])
     covariance = at.covariance[:, :6, :6].copy()
@@ -463,9 +449,9 @@ def _compared(reference: GpsData, wanted: FloatArray, close: float) -> tuple[Gps
     return comparison_only(replace(reference.rows(at), time=np.where(known, nearest, wanted))), known
 
 
-def _gaps(ready: Prepared, reference: WindowReference) -> list[tuple[FloatArray, FloatArray, str]]:
+def _gaps(ready: FilterInput, reference: WindowReference) -> list[tuple[FloatArray, FloatArray, str]]:
     """Find starts and ends of gaps in IMU record and reference, on the clock of the fixes [s]."""
-    time, delay = ready.imu.time, ready.settings.delay
+    time, delay = ready.imu.time, ready.receiver.delay.value
     lost = np.flatnonzero(np.diff(time) > (IMU_GAP + 0.5) * ready.nominal)
     stamps = reference.fixes.time
     step = np.diff(stamps)
@@ -478,7 +464,7 @@ def _gaps(ready: Prepared, reference: WindowReference) -> list[tuple[FloatArray,
 def _course(drive: NavigatedDrive) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return fix time, speed and direction of travel of the whole drive, interpolated across stops."""
     solution = drive.run.solution
-    time = solution.time - drive.clock + drive.ready.settings.delay
+    time = solution.time - drive.clock + drive.ready.receiver.delay.value
     v_north, v_east = solution.v_n[:, 0], solution.v_n[:, 1]
     speed = np.hypot(v_north, v_east)
     moving = speed > _UNDER_WAY

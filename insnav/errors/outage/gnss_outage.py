@@ -23,10 +23,10 @@ from insnav.errors.outage import free_inertial
 from insnav.errors.outage.free_inertial import Outage, Windows
 from insnav.exceptions import ConfigError
 from insnav.filter.error_model import FilterState
+from insnav.filter.filter_input import FilterInput, Output
 from insnav.filter.gates import OF_REFERENCE
 from insnav.filter.navigate import feed
 from insnav.filter.navigator import Navigator
-from insnav.filter.prepare import Prepared
 from insnav.findings import Code, Finding
 from insnav.sample_statistics import CONFIDENCE, chi_square, effective_count, interval, mean_square_interval, means
 from insnav.tabular import Tabular
@@ -306,7 +306,7 @@ _COMPARED = 0.25  # interval to which a reference is thinned [s]
 
 
 def outages(
-    ready: Prepared,
+    ready: FilterInput,
     *,
     lengths: Sequence[float],
     first: float | None = None,
@@ -328,7 +328,7 @@ def outages(
     wrong = [value for value in (*lengths, *([] if spacing is None else [spacing])) if not 0.0 < value < np.inf]
     if wrong or not lengths:
         raise ConfigError("outage.bad_windows", given_s=tuple(wrong))
-    fixes = ready.gps.time - ready.settings.delay
+    fixes = ready.fix_time
     begin, end = ready.initial.time, float(min(ready.imu.time[-1], fixes[-1]))
     rows = free_inertial.window_starts(
         fixes, begin, end, lengths[0], first=first, spacing=spacing, rule="quarter of drive"
@@ -352,18 +352,19 @@ def outages(
     return [window for window in results if window is not None and window.elapsed.size]
 
 
-def _window(reference: GpsData | None, course: FloatArray, job: tuple[Prepared, FilterState, float]) -> Outage | None:
+def _window(
+    reference: GpsData | None, course: FloatArray, job: tuple[FilterInput, FilterState, float]
+) -> Outage | None:
     """Navigate one window and its recovery, on its part of the drive."""
     ready, state, length = job
-    delay = ready.settings.delay
+    delay = ready.receiver.delay.value
     start, stop = state.time + delay, state.time + delay + length
     gps = _fixes(ready.gps, reference, start, stop, stop + RECOVERY)
     inside = (gps.time > start + 1e-6) & (gps.time <= stop + 1e-6)
     if not inside.any():
         return None
     # minimal output: only the epochs count
-    settings = replace(ready.settings, output_interval=1.0, smooth=True)
-    navigator = Navigator(state, ready.model, gps, ready.alignment, ready.nominal, settings)
+    navigator = Navigator(replace(ready, gps=gps, output=Output(1.0)), state)
     found = feed(navigator, ready.imu).history().smooth()
     at = np.searchsorted(found.time, gps.time[inside] - delay - 1e-6)
     at = at[at < found.time.shape[0]]
@@ -382,7 +383,7 @@ def _fixes(gps: GpsData, reference: GpsData | None, start: float, stop: float, e
     later = (gps.time > start + 1e-6) & (gps.time <= end)
     inside = later & (gps.time <= stop + 1e-6)
     if reference is None:
-        compared = gps.rows(inside & free_inertial.valid(gps))
+        compared = gps.rows(inside & gps.valid)
     else:
         time = reference.time
         chosen = (time > start + 1e-6) & (time <= stop + 1e-6)

@@ -14,8 +14,9 @@ from insnav.errors.outage.free_inertial import (
     navigated_drive,
     reference_from_fixes,
 )
-from insnav.filter import FilterSettings
-from insnav.filter.prepare import Prepared, prepare
+from insnav.filter.filter_input import FilterInput
+from insnav.filter.prepare import prepare
+from insnav.filter.receiver import Receiver
 from insnav.imu import ImuErrors, ImuSpec, SensorSpec, corrupt
 from insnav.simulate import LevelTruth
 from insnav.simulate.recording import perfect_imu
@@ -65,17 +66,17 @@ def noise_only() -> ImuSpec:
 
 
 @lru_cache(maxsize=8)
-def injected(seed: int = 1, laps: int = 2) -> Prepared:
+def injected(seed: int = 1, laps: int = 2) -> FilterInput:
     """A drive whose sensors have exactly 10 deg/h and 1 mg on every axis, and noise."""
     noisy = corrupt_imu(perfect(laps), noise_only(), (seed, 1)).imu
     errors = ImuErrors(gyro_bias=SPEC.gyro.bias * SIGNS, accel_bias=SPEC.accel.bias * SIGNS)
-    return prepare(corrupt(noisy, errors), measure_gps(motion(laps), RECEIVER, (seed, 2)), SPEC, FilterSettings())
+    return prepare(corrupt(noisy, errors), measure_gps(motion(laps), RECEIVER, (seed, 2)), SPEC, Receiver())
 
 
-def drawn(seed: int, spec: ImuSpec = SPEC) -> Prepared:
+def drawn(seed: int, spec: ImuSpec = SPEC) -> FilterInput:
     """A drive with an IMU sampled from a specification; the filter uses `SPEC`."""
     imu = corrupt_imu(perfect(), spec, (seed, 3)).imu
-    return prepare(imu, measure_gps(motion(), RECEIVER, (seed, 4)), SPEC, FilterSettings())
+    return prepare(imu, measure_gps(motion(), RECEIVER, (seed, 4)), SPEC, Receiver())
 
 
 @lru_cache(maxsize=4)

@@ -12,23 +12,22 @@ from insnav.errors.metrics import at_point
 from insnav.errors.outage import gnss_outage
 from insnav.errors.outage.gnss_outage import RECOVERY, outage_growth, outages
 from insnav.exceptions import ConfigError, InputError
-from insnav.filter import FilterSettings
+from insnav.filter.filter_input import FilterInput
 from insnav.filter.gps_noise import CorrelatedNoise
 from insnav.filter.navigate import feed
-from insnav.filter.prepare import Prepared
+from insnav.filter.navigator import Navigator
 from insnav.simulate import reference, without_fixes
 from tests.filter import drives
 
 QUIET = 1e-3  # [m], [m/s]
 
 
-def prepared(seed: int) -> Prepared:
+def prepared(seed: int) -> FilterInput:
     rng = np.random.default_rng([41, seed])
     imu = drives.noisy_imu(drives.perfect_imu(), drives.MODEL, rng)
     gps = drives.noisy_gps(drives.perfect_gps(), rng)
     start = drives.begin(drives.MODEL, rng)
-    settings = FilterSettings(lever_b=drives.LEVER_B, output_interval=1.0, gates=drives.UNFAILING)
-    return Prepared(imu, gps, drives.MODEL, settings, start.alignment, start.initial, 0.02, ())
+    return drives.ready(imu, gps, start, output_interval=1.0, gates=drives.UNFAILING)
 
 
 def exact() -> object:
@@ -43,7 +42,7 @@ def test_a_window_is_what_a_filter_without_those_fixes_does():
     (window,) = outages(ready, lengths=[30.0], first=100.0, spacing=1000.0)
     gps = without_fixes(ready.gps, window.start, window.start + 30.0)
     gps = without_fixes(gps, window.start + 30.0 + RECOVERY, np.inf)  # the smoother of a window gets no later ones
-    navigator = replace(ready, gps=gps).navigator()
+    navigator = Navigator(replace(ready, gps=gps))
     feed(navigator, ready.imu)
     run = navigator.finish()
     for solution, error in ((run.solution, window.error), (run.smoothed.solution, window.smoothed)):
@@ -60,9 +59,9 @@ def test_against_a_reference_all_that_the_solution_errs_counts_and_is_predicted(
     """Not only what it errs against fixes that share most of its error, and lag in velocity."""
     ready = prepared(3)
     lasting = CorrelatedNoise(0.9, 300.0, np.sqrt(0.9) * np.median(ready.gps.position_sd, axis=0))
-    ready = replace(ready, settings=replace(ready.settings, correlated=lasting, velocity_lag=0.2))
+    ready = drives.changed(ready, correlated=lasting, velocity_lag=0.2)
     (window,) = outages(ready, lengths=[4.0], first=100.0, spacing=1000.0, reference=exact())
-    navigator = replace(ready, gps=without_fixes(ready.gps, window.start, np.inf)).navigator()
+    navigator = Navigator(replace(ready, gps=without_fixes(ready.gps, window.start, np.inf)))
     feed(navigator, ready.imu)
     alone = navigator.finish().solution
     row = int(np.searchsorted(alone.time, window.start + 3.0 - 1e-3))

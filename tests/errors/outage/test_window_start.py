@@ -9,8 +9,8 @@ import numpy as np
 from insnav.attitude import dcm_from_quat
 from insnav.earth import ned_offset
 from insnav.errors.outage.free_inertial import smoothed_start
-from insnav.filter import FilterSettings, Navigator
-from insnav.filter.prepare import DELAY_SD
+from insnav.filter.navigator import Navigator
+from insnav.filter.receiver import DELAY_SD
 from tests.filter import drives
 
 
@@ -20,9 +20,8 @@ def test_the_state_of_a_smoothed_start_predicts_fixes_that_are_late():
     exact = drives.perfect_gps(laps=2)
     fixes = drives.noisy_gps(replace(exact, time=exact.time + late), rng)
     begin = drives.begin(drives.MODEL, rng, laps=2)
-    settings = FilterSettings(lever_b=drives.LEVER_B, delay_sd=DELAY_SD)
     rows = range(20, 120, 7)
-    navigator = Navigator(begin.initial, drives.MODEL, fixes, begin.alignment, 0.02, settings, marks=rows)
+    navigator = Navigator(drives.ready(imu, fixes, begin, delay_sd=DELAY_SD), marks=rows)
     navigator.feed(imu)
     run = navigator.finish()
     for row in rows:

@@ -14,7 +14,6 @@ from insnav.errors.outage.free_inertial import (
     WindowReference,
     Windows,
     forward_start,
-    free_inertial_settings,
     free_window_starts,
     free_windows,
     growth_by_start_error,
@@ -22,6 +21,7 @@ from insnav.errors.outage.free_inertial import (
     navigated_drive,
     reference_from_fixes,
     reference_from_trajectory,
+    remove_aiding,
     stationary_fixes,
     uncalibrated_start,
 )
@@ -101,7 +101,7 @@ def test_errors_are_as_large_as_predicted(both):
 def test_turning_on_keeps_how_errors_go_together():
     ready = drives.injected()
     state = navigated_drive(ready, free_window_starts(ready, LENGTH, spacing=200.0)).states[0]
-    first = forward_start(state, free_inertial_settings(ready.settings, own_fixes=True), None)
+    first = forward_start(state, remove_aiding(ready, own_fixes=True).receiver, None)
     raw = uncalibrated_start(first, ready.model)
     np.testing.assert_array_equal(raw.covariance[:9], first.covariance[:9])
     np.testing.assert_allclose(np.diag(raw.covariance)[9:21], ready.model.sd**2, rtol=1e-12)

@@ -1,0 +1,174 @@
+"""Input of the filter: data, error model, starts, receiver, aiding, faults to consider, and wanted results."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from insnav import strapdown
+from insnav.alignment.align import away
+from insnav.alignment.static import LONG_REST
+from insnav.filter.error_model import ErrorModel, InitialState, Part, error_model
+from insnav.filter.gates import Gates
+from insnav.filter.gps_noise import OPEN_SD, CorrelatedNoise, Rough
+from insnav.filter.measurements.measurement import Measurement
+from insnav.filter.measurements.sensors import HeightAiding
+from insnav.filter.noise_estimate import NoiseEstimate, start_by
+from insnav.filter.receiver import Receiver
+from insnav.findings import Finding
+from insnav.types import Alignment, BoolArray, FloatArray, GpsData, ImuData, RoundingChange, SensorLog, StateChange
+
+LONGEST_REST = 3600.0  # longest initial stationary time that is looked for [s]
+
+
+@dataclass(frozen=True, slots=True)
+class Aiding:
+    """Measurements besides the fixes."""
+
+    measurements: tuple[Measurement, ...] | None = None  # in the order of use; None: undetermined
+    logs: tuple[SensorLog, ...] = ()  # of further sensors; the first pass over a drive converts them to measurements
+
+
+@dataclass(frozen=True, slots=True)
+class Output:
+    """Wanted results of a run."""
+
+    interval: float = 0.1  # of the solution [s]; 0 for every sample
+    smooth: bool = True  # backward over the recording at its end; see `insnav.filter.smoother`
+    epochs: FloatArray = field(default_factory=lambda: np.empty(0))  # further epochs of the solution, increasing [s]
+    point_b: FloatArray | None = None  # point of the poses seen from the IMU, body axes, (3,) [m]
+
+    @property
+    def with_poses(self) -> bool:
+        """Return whether poses are wanted: the solution at `epochs`, of `point_b`."""
+        return self.epochs.size > 0 or self.point_b is not None
+
+
+@dataclass(frozen=True, slots=True)
+class Explained:
+    """Faults of the record that the filter takes into account; see `insnav.explain.explanation`."""
+
+    changes: tuple[StateChange, ...] = ()  # in order of time
+    false: BoolArray | None = None  # (2, n) positions and velocities to exclude
+    rough: tuple[Rough, ...] = ()  # intervals with larger time-correlated position errors
+
+
+@dataclass(frozen=True, slots=True)
+class FilterInput:
+    """Recording ready for the filter."""
+
+    imu: ImuData  # samples, calibrated
+    gps: GpsData  # fixes, every value with a standard deviation
+    model: ErrorModel  # noise of the sensors
+    starts: tuple[Part, ...]  # the start, and restarts after long gaps of the samples
+    nominal: float  # sampling interval [s]
+    receiver: Receiver = field(default_factory=Receiver)  # with lag, jitter and time-correlated errors from the data
+    gates: Gates = field(default_factory=Gates)
+    aiding: Aiding = field(default=Aiding())
+    output: Output = field(default_factory=Output)
+    explained: Explained = field(default=Explained())
+    rounding: tuple[RoundingChange, ...] = ()  # of coarse gyros, in order of time
+    notes: tuple[Finding, ...] = ()  # findings
+    faults: tuple[Finding, ...] = ()  # samples that were replaced or removed
+    noise: NoiseEstimate | None = None  # estimate from the innovations of the drive
+    clock: float = 0.0  # shift of the samples to fix time [s]: the estimated delay
+    rate: float = 0.0  # rate of this shift [s/s]
+
+    @property
+    def alignment(self) -> Alignment:
+        """Initial attitude."""
+        return self.starts[0].alignment
+
+    @property
+    def initial(self) -> InitialState:
+        """Initial state."""
+        return self.starts[0].initial
+
+    @property
+    def fix_time(self) -> FloatArray:
+        """Times of the fixes without the specified delay, (n,) [s]."""
+        return self.gps.time - self.receiver.delay.value
+
+    @property
+    def findings(self) -> tuple[Finding, ...]:
+        """Findings, including sample faults."""
+        return (*self.notes, *self.faults)
+
+    def add_notes(self, *notes: Finding) -> FilterInput:
+        """Copy with further findings."""
+        return replace(self, notes=(*self.notes, *notes))
+
+    def add_faults(self, *faults: Finding) -> FilterInput:
+        """Copy with further faults."""
+        return replace(self, faults=(*self.faults, *faults))
+
+    def replace_start(self, alignment: Alignment, initial: InitialState) -> FilterInput:
+        """Copy with another start."""
+        return replace(self, starts=(Part(self.starts[0].after, alignment, initial), *self.starts[1:]))
+
+    def replace_correlated(self, noise: CorrelatedNoise | None) -> FilterInput:
+        """Copy with another time-correlated part of the position errors."""
+        return replace(self, receiver=replace(self.receiver, correlated=noise))
+
+    def replace_aiding(self, measurements: Iterable[Measurement]) -> FilterInput:
+        """Copy with other measurements besides the fixes."""
+        return replace(self, aiding=replace(self.aiding, measurements=tuple(measurements)))
+
+    def keep_history(self) -> FilterInput:
+        """Copy for a run whose epochs alone count, without aiding."""
+        return replace(self, aiding=Aiding(), output=Output(10.0))
+
+    def hold_height(self, sd: float) -> FilterInput:
+        """Copy with a height constraint about the start, `sd` [m]."""
+        level = HeightAiding(np.array([self.initial.time]), self.initial.lla[2:], np.array([sd]))
+        return self.replace_aiding([level])
+
+    def unbroken_until(self, time: float) -> float:
+        """Return the end of the part of the record around a time [s]."""
+        return min((part.after for part in self.starts[1:] if part.after >= time), default=float(self.imu.time[-1]))
+
+    def longest_part(self) -> FilterInput:
+        """Copy with the samples of the longest part only."""
+        if len(self.starts) == 1:
+            return self
+        ends = [*(part.after for part in self.starts[1:]), float(self.imu.time[-1])]
+        number = int(np.argmax([end - part.initial.time for part, end in zip(self.starts, ends, strict=True)]))
+        begin = -np.inf if number == 0 else ends[number - 1]
+        rows = (self.imu.time > begin) & (self.imu.time <= ends[number])
+        return replace(self, imu=self.imu.rows(rows), starts=self.starts[number : number + 1])
+
+    def apply_noise(self, found: NoiseEstimate) -> FilterInput:
+        """Copy with the estimated noise, except misalignments."""
+        model = error_model(found.filter_spec, self.model.states)
+        scaled = self.scale_sds(model, found.position_factor, found.velocity_factor)
+        return replace(scaled.replace_correlated(found.correlated), model=model, noise=found)
+
+    def scale_sds(self, model: ErrorModel, position: FloatArray, velocity: FloatArray) -> FilterInput:
+        """Scale the standard deviations of fixes by (3,) each [-], and adapt the starts to these and an error model."""
+        position_sd = self.gps.position_sd * np.where(self.gps.position_sd < OPEN_SD, position, 1.0)
+        gps = replace(self.gps, position_sd=position_sd, velocity_sd=self.gps.velocity_sd * velocity)
+        initial = (start_by(part.initial, part.alignment, model, position) for part in self.starts)
+        starts = tuple(replace(part, initial=each) for part, each in zip(self.starts, initial, strict=True))
+        return replace(self, gps=gps, starts=starts)
+
+    def first(self, length: float) -> ImuData:
+        """Return the samples of a long initial rest, which hardly determines delay or noise, and `length` [s] more."""
+        begin, time = self.initial.time, self.gps.time - self.initial.time
+        gps = self.gps.rows(np.flatnonzero((time > 0.0) & (time < LONGEST_REST)))
+        left = np.flatnonzero(away(gps, gps.lla[0])) if gps.time.size else gps.time
+        rest = float(gps.time[left[0]] - begin) if left.size else 0.0
+        until = begin + (rest if rest > LONG_REST else 0.0) + length
+        return self.imu.rows(slice(int(np.searchsorted(self.imu.time, until, side="right"))))  # a view
+
+    def beginning(self, length: float) -> FilterInput:
+        """Copy the first `length` seconds of the longest part, for searches; joins samples unless some are missing."""
+        part = self.longest_part()
+        imu = part.first(length)
+        part = replace(part, imu=imu)
+        samples = strapdown.joined([strapdown.intervals(imu, self.nominal)])
+        if samples.gap.any() or samples.end.shape[0] == imu.time.shape[0]:
+            return part
+        imu = ImuData(samples.end, samples.gyro, samples.accel, "increment")
+        return replace(part, imu=imu, nominal=strapdown.nominal_interval(imu.time))

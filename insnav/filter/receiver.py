@@ -1,0 +1,67 @@
+"""Relation of the fixes of a receiver to the state: lever arm, delay, lag of velocities, other errors."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from insnav.filter.gps_noise import CorrelatedNoise
+from insnav.types import FloatArray, Source
+
+LEVER_SD = 1.0  # of each component of an unspecified lever arm: antenna and IMU are on one vehicle [m]
+DELAY_SD = 0.05  # agreement of receivers and loggers on time, without other information [s]
+
+
+@dataclass(frozen=True, slots=True)
+class LeverArm:
+    """Antenna seen from the IMU, body axes; a state of the filter if its standard deviation is above zero."""
+
+    value: FloatArray = field(default_factory=lambda: np.zeros(3))  # (3,) [m]
+    sd: float = 0.0  # of each component [m]
+    source: Source = "given"
+    shaken: float = 0.0  # sd of the additional arm by which vibration moves the antenna, for the receiver [m]
+
+
+@dataclass(frozen=True, slots=True)
+class Delay:
+    """Age of the fixes at their timestamps; a state if `sd` is above zero: the solution is then in fix time."""
+
+    value: float = 0.0  # [s]
+    sd: float = 0.0  # [s]
+    source: Source = "given"
+    # lower limit of the standard deviation, and the delay by the search in addition to `value` [s]; see
+    # `Estimate.least_delay_sd`
+    least_sd: float = 0.0
+    shown: float = 0.0
+    settled: bool = True  # the delay is known; see `insnav.kernels.measurements.correct_with_arm`
+
+
+@dataclass(frozen=True, slots=True)
+class Lag:
+    """Lag of the velocity of a fix behind its position; see `insnav.filter.delay_and_lever.delay_of`."""
+
+    value: float = 0.0  # [s]
+    sd: float = 0.0  # [s]
+    moments: tuple[float, ...] = (1.0,)  # sampling instants averaged into a velocity, in lags before the fix [-]
+
+
+@dataclass(frozen=True, slots=True)
+class Receiver:
+    """Relation of the fixes to the state."""
+
+    lever_arm: LeverArm = field(default_factory=LeverArm)
+    delay: Delay = field(default=Delay())
+    lag: Lag = field(default=Lag())
+    # of sample timestamps relative to fixes [s]; times speed and acceleration it adds to the noise of every fix
+    jitter: float = 0.0
+    correlated: CorrelatedNoise | None = None  # time-correlated part of the position error; three more states
+    heading_sd: float = 0.0  # of the heading with the fixes, for example of two antennas [rad]; zero: unused
+
+    def forget_lever_arm(self) -> Receiver:
+        """Copy with an unknown lever arm."""
+        return replace(self, lever_arm=LeverArm(sd=LEVER_SD, source="prior"))
+
+    def forget_delay(self) -> Receiver:
+        """Copy with an unknown delay."""
+        return replace(self, delay=Delay(sd=DELAY_SD, source="prior"))
