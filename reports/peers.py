@@ -29,8 +29,9 @@ from insnav.config_file import Table, read_toml, scalar, validate
 from insnav.earth import OMEGA_EARTH, gravity_n
 from insnav.engine import Workers, every
 from insnav.exceptions import AlignmentError, InsnavError
+from insnav.filter.filter_input import FilterInput
 from insnav.filter.navigate import navigate_recording
-from insnav.filter.prepare import Prepared, Start, prepare
+from insnav.filter.prepare import Start, prepare
 from insnav.imu import ImuSpec, load_imu
 from insnav.imu.specification import SensorSpec
 from insnav.output.folder import write_text
@@ -263,9 +264,9 @@ def _compared(of: tuple[AnyCase, Path]) -> list[PeerRow]:
     rows = []
     try:
         material, ready = _begun(whole)
-        navigate_recording(material.imu, material.gps, material.spec, material.settings)  # compiles
+        navigate_recording(material.imu, material.gps, material.spec, material.receiver)  # compiles
         begin = clock.process_time()
-        done = navigate_recording(material.imu, material.gps, material.spec, material.settings)
+        done = navigate_recording(material.imu, material.gps, material.spec, material.receiver)
         cpu = clock.process_time() - begin
     except InsnavError as error:
         return [_failed(case.name, "insnav", error)]
@@ -304,14 +305,14 @@ def _row(case: str, program: str, solution: Trajectory, material: Material, cpu_
     return PeerRow(case, program, tuple(figures[:3]), tuple(figures[3:]), cpu_us)
 
 
-def _begun(whole: Material) -> tuple[Material, Prepared]:
+def _begun(whole: Material) -> tuple[Material, FilterInput]:
     """Cut the shortest first part of a drive that can be aligned, with its reference."""
     seconds = LONGEST
     while True:
         part = shortened(whole, seconds)
         last = whole.imu.time[0] + seconds > whole.imu.time[-1]
         try:
-            ready = prepare(part.imu, part.gps, part.spec, part.settings)
+            ready = prepare(part.imu, part.gps, part.spec, part.receiver)
             moving = part.gps.v_n[part.gps.time > ready.initial.time + LATEST]
             if last or part.min_speed == 0.0 or (np.linalg.norm(moving, axis=1) > part.min_speed).sum() >= LATEST:
                 return part, ready
@@ -329,7 +330,7 @@ def shortened(material: Material, seconds: float) -> Material:
     return replace(material, imu=imu.rows(slice(n)), gps=gps.rows(slice(m)), settle=settle)
 
 
-def task_of(material: Material, ready: Prepared) -> Task:
+def task_of(material: Material, ready: FilterInput) -> Task:
     """Build the input of a peer from insnav's initial state."""
     initial, gps = ready.initial, ready.gps
     sd = np.sqrt(np.diag(initial.covariance)[:9])
@@ -337,7 +338,7 @@ def task_of(material: Material, ready: Prepared) -> Task:
     if gps.fix is not None:
         good &= gps.fix != 0
     start = Start(initial.time, initial.lla, initial.v_n, initial.rph, sd[:3], sd[3:6], sd[6:9])
-    return Task(ready.imu, gps.rows(good), start, material.settings.lever_b, material.spec)
+    return Task(ready.imu, gps.rows(good), start, material.receiver.lever_arm.value, material.spec)
 
 
 class Case(Table):
