@@ -123,7 +123,7 @@ def _kernels() -> tuple[tuple[tuple[Any, ...], ...], ...]:
         ),
         (
             (linear.forward, system, measured, (d1, d2), (i1, d3), kept),
-            (linear.backward, system, measured, kept, d2, d3, d2, d2),
+            (linear.backward, system, measured, kept, i1, d2, d3, d2, d2, d3, d1),
             (linear.cross_forward, system, measured, kept, d3, i, d2, i),
             (linear.cross_backward, system, measured, kept, d2, i, d2, i),
         ),
