@@ -444,3 +444,27 @@ def cross_forward(system, measured, out, info, a, g, last):  # type: ignore[no-u
         for e, c in np.ndindex(size, size):
             cross[k, e, c] = inner_product(y_by, e, x_by, c, blocks)
     return cross
+
+
+@njit(cache=True, nogil=True)
+def gains(score, info, variances, out):  # type: ignore[no-untyped-def]
+    """Fill `out` (k, m) with t r' (I + t N)^-1 r - log det(I + t N), for variances t (k,).
+
+    `score` (m, d) r, `info` (m, d, d) N. A pivot of I + t N below one is rounding.
+    """
+    (m, size), a, r = score.shape, np.empty(info.shape[1:]), np.empty(info.shape[1])
+    for k, number in np.ndindex(m, variances.shape[0]):
+        t, square, volume = variances[number], 0.0, 1.0
+        for i in range(size):
+            r[i] = score[k, i]
+            for j in range(i + 1):
+                a[i, j] = t * info[k, i, j] + (1.0 if i == j else 0.0)
+        for i in range(size):
+            pivot = max(a[i, i], 1.0)
+            square, volume = square + r[i] * r[i] / pivot, volume * pivot
+            for j in range(i + 1, size):
+                by = a[j, i] / pivot
+                r[j] -= by * r[i]
+                for c in range(i + 1, j + 1):
+                    a[j, c] -= by * a[c, i]
+        out[number, k] = t * square - np.log(volume)
