@@ -120,6 +120,8 @@ class Explanation:
     def widen(self, run: Run) -> Run:
         """Enlarge the standard deviations for ambiguities, such as the true side of a lasting change."""
         displaced = [fault for fault in self.faults if fault.displaces(run.solution.time).any()]
+        if not (displaced or self.of_delay() or self.between[1].any()):
+            return run
 
         def wider(solution: Trajectory, sd: FloatArray) -> FloatArray:
             variance = sd[:, :3] ** 2
@@ -130,7 +132,7 @@ class Explanation:
                 variance += LATE * (fault.size[0] * solution.v_n) ** 2
             sd[:, :3] = np.sqrt(variance)
             time, more = self.between
-            for column, each in enumerate(more.T if time.size else ()):
+            for column, each in enumerate(more.T if more.any() else ()):
                 sd[:, column] = np.hypot(sd[:, column], np.sqrt(np.interp(solution.time, time, each)))
             return sd
 
@@ -233,10 +235,11 @@ def faults_in(record: LinearRecord, search: Search) -> list[Fault]:
                     faults[row] = replace(each, end=min(each.end, begin), back=begin)
             continue
         columns = record.columns(step.kind)
-        size = step.variance * search.best.seen.score[step.begin] @ columns
+        score, information = search.best.seen.at(step.begin, step.begin + 1, columns)
+        size = step.variance * score[0]
         if step.kind.fills:
             size = np.full(1, np.sqrt(step.variance / record.interval))
-        known = np.diagonal(columns.T @ search.best.seen.information[step.begin] @ columns)
+        known = np.diagonal(information[0])
         sd = np.sqrt(np.maximum(step.variance - step.variance**2 * known, 0.0))
         end = float(record.time[step.end]) if step.end else np.inf
         back = end if step.kind.name in CLEARED else np.inf

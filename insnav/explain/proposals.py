@@ -15,6 +15,7 @@ import numpy as np
 
 from insnav.explain.kinds import HOUR, RETURN, Kind, cost_of_end
 from insnav.explain.record import LinearRecord, Pass, Step
+from insnav.kernels.linear import gains
 from insnav.types import FloatArray
 
 SIZES = 10.0 ** np.arange(-2.0, 4.1, 0.5)  # tested variances, relative to the square of the typical size [-]
@@ -48,10 +49,9 @@ def score_kind(record: LinearRecord, of: Pass, kind: Kind) -> Scores:
     """Compute the scores of one kind at every epoch."""
     score, information = record.project(of, kind)
     variances = kind.size**2 * SIZES
-    gains = gains_of(score, information, variances) - kind.cost(variances, record.interval)[:, None]
-    gains[:, : int(SETTLES)] = -np.inf
-    best = gains.argmax(axis=0)
-    return Scores(score, information, gains.max(axis=0), variances[best])
+    gain = gains_of(score, information, variances) - kind.cost(variances, record.interval)[:, None]
+    gain[:, : int(SETTLES)] = -np.inf
+    return Scores(score, information, gain.max(axis=0), variances[gain.argmax(axis=0)])
 
 
 def gains_of(score: FloatArray, information: FloatArray, variances: FloatArray) -> FloatArray:
@@ -59,13 +59,14 @@ def gains_of(score: FloatArray, information: FloatArray, variances: FloatArray) 
 
     An infinite variance gives the largest likelihood, r' N^-1 r.
     """
-    one = information[:, 0], np.ones_like(information)  # of one column, which is much faster
-    size, vectors = np.linalg.eigh(information) if score.shape[1] > 1 else one
+    found = np.empty((variances.size, score.shape[0]))
+    if np.isfinite(variances).all():
+        gains(*map(np.ascontiguousarray, (score, information)), variances, found)
+        return found
+    size, vectors = np.linalg.eigh(information)
     square = np.einsum("mab,ma->mb", vectors, score) ** 2
-    t, size = variances[:, None, None], np.maximum(size, 1e-9 * size[:, -1:] + 1e-30)
-    with np.errstate(invalid="ignore"):
-        gain = np.where(np.isinf(t), square / size, square * t / (1.0 + t * size) - np.log1p(t * size))
-    return np.asarray(gain.sum(axis=2))
+    found[:] = (square / np.maximum(size, 1e-9 * size[:, -1:] + 1e-30)).sum(axis=1)
+    return found
 
 
 def misfit_of(record: LinearRecord, of: Pass, kind: Kind, beside: Sequence[int] = ()) -> float:
@@ -150,14 +151,11 @@ def _pairs(
         if rows.size == 0:
             return None
         cross = record.cross(of, columns, at, side * reach)[rows]
-        gains = gains_of(
-            side * (score[at] - score[rows]),
-            information[at] + information[rows] - cross - np.swapaxes(cross, 1, 2),
-            variances,
-        )
-        size, place = np.unravel_index(int((gains - prior).argmax()), gains.shape)
+        apart = information[at] + information[rows] - cross - np.swapaxes(cross, 1, 2)
+        gain = gains_of(side * (score[at] - score[rows]), apart, variances)
+        size, place = np.unravel_index(int((gain - prior).argmax()), gain.shape)
         other = int(rows[place])
-        return min(at, other), max(at, other), float(gains[size, place]), float(variances[size])
+        return min(at, other), max(at, other), float(gain[size, place]), float(variances[size])
 
     found = set[tuple[int, int, float, float]]()
     for top in tops:

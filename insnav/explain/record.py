@@ -10,6 +10,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
+from itertools import chain
 from typing import Any
 
 import numpy as np
@@ -111,18 +113,39 @@ def usual_correlated(position_sd: FloatArray) -> CorrelatedNoise:
     return CorrelatedNoise.of_fixes(Noise().share, FADES, position_sd)
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class Pass:
     """Result of a forward and a backward pass over the record."""
 
     cost: float  # twice the negative log-likelihood of the fixes [-]
-    score: FloatArray  # (m, n) of a step of the state before each epoch
-    information: FloatArray  # (m, n, n) of such a step
     # (m, 3) expected squares, relative to the variance at weight one: position and velocity residuals, IMU noise [-]
     squares: FloatArray
     nav: FloatArray  # (m, 9) smoothed error of position, velocity and attitude
     slope: FloatArray  # (5,) derivatives of the cost by the noise figures, with their prior [-]
     inner: tuple[tuple[FloatArray, ...], ...] = field(repr=False)  # of the passes, for `LinearRecord.cross`
+    # epochs of the first epoch and the faults, ascending, with score and information of the leading states there
+    kept: tuple[IntArray, FloatArray, FloatArray] = field(repr=False)
+
+    @cached_property
+    def _whole(self) -> tuple[FloatArray, ...]:
+        """Score and information at all epochs, by another backward pass: most passes need few epochs of them."""
+        return run_back(self.inner, np.arange(self.nav.shape[0]), self.inner[0][2].shape[1])
+
+    @property
+    def score(self) -> FloatArray:
+        """Score of a step of the state before each epoch, (m, n)."""
+        return self._whole[0]
+
+    @property
+    def information(self) -> FloatArray:
+        """Information of such a step, (m, n, n)."""
+        return self._whole[1]
+
+    def at(self, begin: int, end: int, columns: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return score (k, d) and information (k, d, d) along columns (n, d) from the begin of a fault to its end."""
+        rows, score, information = self.kept
+        here, by = slice(*rows.searchsorted([begin, end])), columns[: score.shape[1]]
+        return score[here] @ by, np.asarray(by.T @ information[here] @ by)
 
     @property
     def nav_variance(self) -> FloatArray:
@@ -133,12 +156,20 @@ class Pass:
 
     def bare(self) -> Pass:
         """Drop the large arrays."""
-        return replace(self, information=np.empty((0, 0, 0)), inner=())
+        return replace(self, inner=(), kept=(np.empty(0, np.int64), np.empty((0, 0)), np.empty((0, 0, 0))))
 
     @property
     def is_finite(self) -> bool:
         """True if all values are finite: an overflow of the backward pass reaches the first epoch."""
-        return bool(np.isfinite([self.cost, *self.score[0], *self.information[0].ravel()]).all())
+        return bool(np.isfinite([self.cost, *self.kept[1][0], *self.kept[2][0].ravel()]).all())
+
+
+def run_back(inner: tuple[tuple[Any, ...], ...], rows: IntArray, n: int) -> tuple[FloatArray, ...]:
+    """Fill the results of `insnav.kernels.linear.backward` for the first `n` states, kept at epochs `rows` (k,)."""
+    m, of_each = len(inner[1][0]), (np.empty((rows.size, n)), np.empty((rows.size, n, n)))
+    found = *of_each, np.empty((m, 6)), np.empty((m, 6)), np.empty((m, 4, inner[2][3].size)), np.empty(m)
+    linear.backward(*inner, rows, *found)
+    return found
 
 
 @dataclass(frozen=True, slots=True)
@@ -338,33 +369,32 @@ class LinearRecord:
         rows = np.array([*range(NAV), at, at + 1, at + 2])
         out = np.empty((m, 6)), np.empty((m, 6)), np.empty((m, 6, n)), rows, np.empty((m, 12)), np.empty((m, 12, n))
         cost: float = linear.forward(system, measured, (np.zeros(n), start), jumps, out)
-        score, information, u, uu = np.empty((m, n)), np.empty((m, n, n)), np.empty((m, 6)), np.empty((m, 6))
-        linear.backward(system, measured, out, score, information, u, uu)
-        variance, q, by_nav, p = measured[2], system[3], score[:, :NAV], out[-1]
+        spans = (range(step.begin, step.end if step.kind.fills else step.begin + 1) for step in steps)
+        rows = np.array(sorted({0, *chain(*spans)}))
+        alive = n if jumps[1][:, -FAULTS:].any() else n - FAULTS  # without faults of fixes, their states are zero
+        variance, inner = measured[2], (system, measured, out)
+        score, information, u, uu, told, driven = run_back(inner, rows, alive)
         white = np.where(variance > 0.0, variance * (uu - u**2), 0.0).reshape(m, 2, 3).sum(axis=2)
-        driven = np.einsum("mij,mji->m", q, information[:, :NAV, :NAV]) - np.einsum("mi,mij,mj->m", by_nav, q, by_nav)
         slopes = np.column_stack([white, driven])  # by the logarithm of the variance of each block
         counts = np.column_stack([(variance > 0.0).reshape(m, 2, 3).sum(axis=2), np.full(m, NAV)])
-        smoothed, inner = out[4] + np.einsum("mij,mj->mi", p, score), (system, measured, out)
-        slope = self._slope(noise, slopes.sum(axis=0), score, information, smoothed[:, NAV:], p[:, NAV:])
-        return Pass(cost, score, information, (counts - slopes) / weights, smoothed[:, :NAV], slope, inner)
+        first = information[0] - np.outer(score[0], score[0])
+        slope = self._slope(noise, slopes.sum(axis=0), first, told[:, :, NAV:])
+        nav, kept = told[:, 0, :NAV].copy(), (rows, score, information)
+        return Pass(cost, (counts - slopes) / weights, nav, slope, inner, kept)
 
-    def _slope(
-        self, noise: Noise, by_blocks: FloatArray, score: FloatArray, known: FloatArray, late: FloatArray, p: FloatArray
-    ) -> FloatArray:
+    def _slope(self, noise: Noise, by_blocks: FloatArray, first: FloatArray, told: FloatArray) -> FloatArray:
         """Compute derivatives of the cost by the noise figures (5,), with their prior.
 
-        `by_blocks` (3,): derivatives by the logarithms of the variances of positions, velocities and IMU. `known`:
-        information. `late` (m, 3) and `p` (m, 3, n): smoothed time-correlated errors, and their rows of the covariance.
+        `by_blocks` (3,): derivatives by the logarithms of the variances of positions, velocities and IMU. `first`:
+        information minus squared score at the start. `told` (m, 4, 3): of the time-correlated errors, see
+        `insnav.kernels.linear.backward`.
         Source: S. J. Koopman, N. Shephard, "Exact score for time series models in state space form", Biometrika 79
         (1992) 823-826.
         """
-        part = slice(self.states["correlated"], self.states["correlated"] + 3)
         share, rate, lasting = noise.share, self.system[0] / noise.time, noise.lasting(self.correlated_sd)
-        r, free = score[:, part], np.einsum("mii->mi", known)[:, part] - score[:, part] ** 2
-        by, first = self.lasting, known[0] - np.outer(score[0], score[0])
+        late, r, both, free = np.swapaxes(told, 0, 1)
+        both, free, by = both - r * late, free - r**2, self.lasting[:, : first.shape[0]]  # of noise and state, smoothed
         size = (-np.expm1(-2.0 * rate) @ free + np.einsum("in,nk,ik->i", by, first, by)) @ lasting
-        both = np.einsum("mij,mij->mi", p, known[:, part]) - r * late  # of noise and state, smoothed
         time = 2.0 * rate @ (both - lasting * free).sum(axis=1)
         position, velocity, imu = 2.0 * by_blocks
         more = position + 2.0 * size, velocity, imu, (1.0 - share) * size - share * by_blocks[0], time

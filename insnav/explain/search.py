@@ -342,9 +342,8 @@ def sized(record: LinearRecord, seen: Pass, step: Step) -> Step:
     if not step.kind.steps:
         return step
     columns = record.columns(step.kind)
-    rows = slice(step.begin, step.end if step.kind.fills else step.begin + 1)
-    mean = step.variance * seen.score[rows] @ columns
-    known = step.variance * np.einsum("ia,kij,ja->", columns, seen.information[rows], columns)
+    score, information = seen.at(step.begin, step.end if step.kind.fills else step.begin + 1, columns)
+    mean, known = step.variance * score, step.variance * np.einsum("kaa->", information)
     return replace(step, variance=float(np.clip((mean**2).sum() / max(known, 1e-6), *(SIZE_RANGE * step.kind.size**2))))
 
 

@@ -77,17 +77,28 @@ def inner_product(x, i, y, k, blocks):  # type: ignore[no-untyped-def]
 
 
 @inner()
-def read_transition(system, k, f, ft, d):  # type: ignore[no-untyped-def]
-    """Read F: rows of navigation into `f` and its transpose `ft`, the diagonal into `d`. Return the drift time [s]."""
+def read_transition(system, k, f, d):  # type: ignore[no-untyped-def]
+    """Read F: rows of navigation into `f`, the diagonal into `d`. Return the drift time [s]."""
     span, phi, fade, _q, _qd, cleared = system
     n = fade.shape[1]
     for i in range(NAV):
         for a in range(phi.shape[2]):
-            f[i, a] = ft[a, i] = phi[k, i, a]
+            f[i, a] = phi[k, i, a]
     for i in range(NAV, n):
-        over = NO_POSITION if i < n - 3 else NO_VELOCITY
-        d[i] = 0.0 if i >= n - 9 and cleared[k] & over else fade[k, i]
+        d[i] = fade[k, i]
+    if cleared[k] & NO_POSITION:
+        d[n - 9 : n - 3] = 0.0
+    if cleared[k] & NO_VELOCITY:
+        d[n - 3 : n] = 0.0
     return 0.0 if cleared[k] & NO_POSITION else span[k]
+
+
+@inner(forceinline=True)
+def transpose(f, ft, columns):  # type: ignore[no-untyped-def]
+    """Fill the first rows of `ft` with the first columns of `f` (9, ...)."""
+    for a in range(columns):
+        for i in range(NAV):
+            ft[a, i] = f[i, a]
 
 
 @inner(forceinline=True)
@@ -167,7 +178,8 @@ def forward(system, measured, start, jumps, out):  # type: ignore[no-untyped-def
             live -= 1
         wide = 8 * ((live + 7) // 8)
         if k > 0:
-            drift = read_transition(system, k, f, ft, d)
+            drift = read_transition(system, k, f, d)
+            transpose(f, ft, s)
             propagate(mean, mean9, 0, d, drift, ft9, of_s, moved, n)
             if live > n - 9 and drift != 0.0:
                 for i in range(n - 9, n - 6):
@@ -238,37 +250,69 @@ def forward(system, measured, start, jumps, out):  # type: ignore[no-untyped-def
     return total
 
 
+@inner(forceinline=True)
+def add_three_products(y, by, x, blocks, columns):  # type: ignore[no-untyped-def]
+    """Add three rows of `by` (3, blocks, 9) times `x` (blocks, 9, ...) to those of `y`."""
+    for a in range(blocks):
+        for c in range(0, NAV, 3):
+            a0, a1, a2 = by[0, a, c], by[0, a, c + 1], by[0, a, c + 2]
+            b0, b1, b2 = by[1, a, c], by[1, a, c + 1], by[1, a, c + 2]
+            c0, c1, c2 = by[2, a, c], by[2, a, c + 1], by[2, a, c + 2]
+            for j in range(columns):
+                x0, x1, x2 = x[a, c, j], x[a, c + 1, j], x[a, c + 2, j]
+                y[0, j] += a0 * x0 + a1 * x1 + a2 * x2
+                y[1, j] += b0 * x0 + b1 * x1 + b2 * x2
+                y[2, j] += c0 * x0 + c1 * x1 + c2 * x2
+
+
+@inner(forceinline=True)
+def add_transposed(p, i, f, t, columns):  # type: ignore[no-untyped-def]
+    """Add row `i` of f' t + t' f, for `f` and `t` (9, ...), to row `i` of `p`, for so many columns."""
+    f0, f1, f2, f3, f4, f5, f6, f7, f8 = f[0, i], f[1, i], f[2, i], f[3, i], f[4, i], f[5, i], f[6, i], f[7, i], f[8, i]
+    t0, t1, t2, t3, t4, t5, t6, t7, t8 = t[0, i], t[1, i], t[2, i], t[3, i], t[4, i], t[5, i], t[6, i], t[7, i], t[8, i]
+    for j in range(columns):
+        part = f0 * t[0, j] + f1 * t[1, j] + f2 * t[2, j] + f3 * t[3, j] + f4 * t[4, j] + f5 * t[5, j]
+        other = t0 * f[0, j] + t1 * f[1, j] + t2 * f[2, j] + t3 * f[3, j] + t4 * f[4, j] + t5 * f[5, j]
+        part += f6 * t[6, j] + f7 * t[7, j] + f8 * t[8, j]
+        p[i, j] += part + other + t6 * f[6, j] + t7 * f[7, j] + t8 * f[8, j]
+
+
 @njit(cache=True, nogil=True)
-def backward(system, measured, out, r, info, u, uu):  # type: ignore[no-untyped-def]
+def backward(system, measured, out, rows, r, info, u, uu, told, driven):  # type: ignore[no-untyped-def]
     """Run the adjoint smoother: effect of a step of the state at each epoch on the log likelihood.
 
-    Fills score `r` (m, n) and information `info` (m, n, n) just before the measurement of each epoch. The smoothed
-    error is mean + P r with covariance P - P info P. Fills for each component the smoothing error `u` (m, 6) and its
-    variance `uu` (m, 6). The smoothed residual is var * u, with variance var - var^2 uu. Sources: P. de Jong and
-    J. Penzer, "Diagnosing shocks in time series", J. Am. Stat. Assoc. 93 (1998) 796-806; J. Durbin and S. J. Koopman,
-    Time Series Analysis by State Space Methods, 2nd ed., Oxford 2012, ch. 4 and 6.4.
+    `rows` (k,) int, ascending: epochs to keep. Fills their score `r` (k, n) and information `info` (k, n, n) just
+    before the measurement. With nine columns less, fault states are left out, which is exact while they are zero. The
+    smoothed error is mean + P r with covariance P - P info P. Fills for each component the smoothing error `u` (m, 6)
+    and its variance `uu` (m, 6). The smoothed residual is var * u, with variance var - var^2 uu. Fills `told` (m, 4, c)
+    for the numbered states: smoothed error, score, diagonal of P info, and of info. Fills `driven` (m,) with the
+    trace of q (info - r r'). Sources: P. de Jong and J. Penzer, "Diagnosing shocks in time series", J. Am. Stat. Assoc.
+    93 (1998) 796-806; J. Durbin and S. J. Koopman, Time Series Analysis by State Space Methods, 2nd ed., Oxford 2012,
+    ch. 4 and 6.4.
     """
-    h, (innovation, variance, gain) = measured[1], out[:3]
-    (m, n), s = r.shape, system[1].shape[2]
-    assert n <= WIDE
+    h, q, (innovation, variance, gain, numbers, mean_told, p_told) = measured[1], system[3], out
+    m, s, left, whole, n = u.shape[0], system[1].shape[2], rows.shape[0] - 1, system[2].shape[1], r.shape[1]
+    assert whole <= WIDE
     wide, short, blocks = 8 * ((n + 7) // 8), 8 * ((s + 7) // 8), -(-n // NAV)
-    (p, p_by), (t, _), (f, _), (ft, ft_by) = make_rows(WIDE), make_rows(NAV), make_rows(NAV), make_rows(WIDE)
+    (p, p_by), (t, _), (f, _) = make_rows(WIDE), make_rows(NAV), make_rows(NAV)
     (score, score_by), (x, x_by), (hs, hs_by), (ks, ks_by) = make_rows(1), make_rows(3), make_rows(3), make_rows(3)
-    p9, t9, f9 = p.reshape(BLOCKS, NAV, WIDE), t.reshape(1, NAV, WIDE), f.reshape(1, NAV, WIDE)
-    by, d = np.empty((1, 1, NAV)), np.zeros(WIDE)  # d of navigation stays zero
+    (of_p, of_p_by), p9, f9 = make_rows(1), p.reshape(BLOCKS, NAV, WIDE), f.reshape(1, NAV, WIDE)
+    d, seen = np.zeros(WIDE), np.empty(WIDE, np.int64)  # d of navigation stays zero
     for k in range(m - 1, -1, -1):
         for first in (3, 0):
             u[k, first : first + 3] = uu[k, first : first + 3] = 0.0
             if max(variance[k, first], variance[k, first + 1], variance[k, first + 2]) <= 0.0:
                 continue
-            x[:] = 0.0
+            x[:], count = 0.0, 0
             for c in range(3):
                 for j in range(n):  # zero where nothing was measured
                     hs[c, j], ks[c, j] = h[k, first + c, j], gain[k, first + c, j]
                 if variance[k, first + c] <= 0.0:
                     hs[c] = 0.0
-            for c in range(3):
-                add_product(x, c, ks_by, c, p9, blocks, wide)
+            for j in range(n):
+                if hs[0, j] != 0.0 or hs[1, j] != 0.0 or hs[2, j] != 0.0:
+                    seen[count], count = j, count + 1
+            add_three_products(x, ks_by, p9, blocks, wide)
             for c in range(2, -1, -1):
                 i = first + c
                 if variance[k, i] <= 0.0:
@@ -285,34 +329,55 @@ def backward(system, measured, out, r, info, u, uu):  # type: ignore[no-untyped-
                     of_x = inner_product(ks_by, b, x_by, c, blocks)
                     for j in range(wide):
                         x[b, j] -= of_h * x[c, j] + of_x * hs[c, j]
-            for a in range(n):
+            for a in seen[:count]:
                 subtract_three(p, a, x, hs, wide)
-                if hs[0, a] != 0.0 or hs[1, a] != 0.0 or hs[2, a] != 0.0:
-                    subtract_three(p, a, hs, x, wide)
-        for i in range(n - 1, -1, -1):  # states after it have filled the rest of row i
-            r[k, i] = score[0, i]
-            for j in range(i):
-                p[j, i] = p[i, j]
+                subtract_three(p, a, hs, x, wide)
+            for a in seen[:count]:
+                for j in range(n):
+                    p[j, a] = p[a, j]
+        if left >= 0 and rows[left] == k:
+            r[left], left = score[0, :n], left - 1
+            for i in range(n):
+                for j in range(n):
+                    info[left + 1, i, j] = p[i, j]
+        for i in range(numbers.shape[0]):
+            own = numbers[i]
             for j in range(n):
-                info[k, i, j] = p[i, j]
+                of_p[0, j] = p_told[k, i, j]
+            told[k, 0, i] = mean_told[k, i] + inner_product(of_p_by, 0, score_by, 0, blocks)
+            told[k, 1, i], told[k, 3, i] = score[0, own], p[own, own]
+            told[k, 2, i] = inner_product(of_p_by, 0, p_by, own, blocks)
+        driven[k] = 0.0
+        for i in range(NAV):
+            for j in range(NAV):
+                driven[k] += q[k, i, j] * (p[i, j] - score[0, i] * score[0, j])
         if k > 0:
-            drift = read_transition(system, k, f, ft, d)
-            propagate_back(x, 0, score, score_by, 0, d, drift, f9, short, n)
+            drift = read_transition(system, k, f, d)
+            d[n:], drift = 0.0, 0.0 if n < whole else drift
+            propagate_back(x, 0, score, score_by, 0, d, 0.0, f9, short, n)
+            if drift != 0.0:
+                for j in range(n - 9, n - 6):
+                    x[0, j + 3] += drift * score[0, j]
             score[0] = x[0]
             for i in range(n - 6, n - 3):
                 if drift != 0.0:
                     move_drift(p, i, i - 3, d, drift, wide)
-            for i in range(NAV):
-                propagate_back(t, i, p, p_by, i, d, 0.0, f9, short, n)
+            for i in range(NAV):  # half of the part between navigation errors, as both terms of the sum contain it
+                for j in range(short):
+                    t[i, j] = 0.0
+                add_product(t, i, p_by, i, f9, 1, short)
+                for j in range(short):
+                    t[i, j] *= 0.5
+                for j in range(NAV, n):
+                    t[i, j] = (t[i, j] if j < short else 0.0) + d[j] * p[i, j]
             for a in range(n):
-                for c in range(NAV):
-                    by[0, 0, c] = d[a] * p[a, c]
-                for j in range(wide):
-                    p[a, j] *= d[a] * d[j]
-                if a >= NAV:
-                    add_product(p, a, by, 0, f9, 1, short)
-                if a < s:
-                    add_product(p, a, ft_by, a, t9, 1, wide)
+                own, columns = d[a], 8 * ((a + 8) // 8)
+                for j in range(columns):
+                    p[a, j] *= own * d[j]
+                add_transposed(p, a, f, t, columns)
+            for a in range(n):
+                for j in range(a):
+                    p[j, a] = p[a, j]
 
 
 @inner()
@@ -335,14 +400,14 @@ def cross_backward(system, measured, out, info_b, b, g, first):  # type: ignore[
     before the measurement. `info_b` (n, n): information at b.
     """
     (n, size), d, short = g.shape, np.zeros(WIDE), system[1].shape[2]
-    (x, x_by), (y, _), (f, _), (ft, _) = make_rows(NAV), make_rows(NAV), make_rows(NAV), make_rows(WIDE)
+    (x, x_by), (y, _), (f, _) = make_rows(NAV), make_rows(NAV), make_rows(NAV)
     (hs, _), (ks, ks_by), (of, of_by), blocks = make_rows(6), make_rows(6), make_rows(NAV), -(-n // NAV)
     f9, cross = f.reshape(1, NAV, WIDE), np.zeros((system[0].shape[0], size, size))
     of[:size, :n] = g.T
     combine(g, info_b, x)
     for k in range(b, first - 1, -1):
         if k < b:
-            drift = read_transition(system, k + 1, f, ft, d)
+            drift = read_transition(system, k + 1, f, d)
             read_loop(measured, out, k, hs, ks)
             for c in range(size):
                 propagate_back(y, 0, x, x_by, c, d, drift, f9, short, n)
@@ -368,7 +433,8 @@ def cross_forward(system, measured, out, info, a, g, last):  # type: ignore[no-u
     x[:size, :n] = g.T
     for k in range(a, last + 1):
         if k > a:
-            drift = read_transition(system, k, f, ft, d)
+            drift = read_transition(system, k, f, d)
+            transpose(f, ft, system[1].shape[2])
             read_loop(measured, out, k - 1, hs, ks)
             for i in range(6):
                 close_loop(x, x_by, size, hs_by, ks, i, blocks)
@@ -378,3 +444,27 @@ def cross_forward(system, measured, out, info, a, g, last):  # type: ignore[no-u
         for e, c in np.ndindex(size, size):
             cross[k, e, c] = inner_product(y_by, e, x_by, c, blocks)
     return cross
+
+
+@njit(cache=True, nogil=True)
+def gains(score, info, variances, out):  # type: ignore[no-untyped-def]
+    """Fill `out` (k, m) with t r' (I + t N)^-1 r - log det(I + t N), for variances t (k,).
+
+    `score` (m, d) r, `info` (m, d, d) N. A pivot of I + t N below one is rounding.
+    """
+    (m, size), a, r = score.shape, np.empty(info.shape[1:]), np.empty(info.shape[1])
+    for k, number in np.ndindex(m, variances.shape[0]):
+        t, square, volume = variances[number], 0.0, 1.0
+        for i in range(size):
+            r[i] = score[k, i]
+            for j in range(i + 1):
+                a[i, j] = t * info[k, i, j] + (1.0 if i == j else 0.0)
+        for i in range(size):
+            pivot = max(a[i, i], 1.0)
+            square, volume = square + r[i] * r[i] / pivot, volume * pivot
+            for j in range(i + 1, size):
+                by = a[j, i] / pivot
+                r[j] -= by * r[i]
+                for c in range(i + 1, j + 1):
+                    a[j, c] -= by * a[c, i]
+        out[number, k] = t * square - np.log(volume)

@@ -110,10 +110,15 @@ def run(case: Case) -> tuple[float, tuple[np.ndarray, ...]]:
 
 
 def smooth(case: Case, out: tuple[np.ndarray, ...]) -> tuple[np.ndarray, ...]:
+    return smooth_some(case, out, np.arange(len(case.system[0])), N)[:4]
+
+
+def smooth_some(case: Case, out: tuple[np.ndarray, ...], rows: np.ndarray, n: int) -> tuple[np.ndarray, ...]:
     m = len(case.system[0])
-    r, info, u, uu = np.full((m, N), np.nan), np.full((m, N, N), np.nan), *np.full((2, m, 6), np.nan)
-    backward(case.system, case.measured, out, r, info, u, uu)
-    return r, info, u, uu
+    found = np.full((rows.size, n), np.nan), np.full((rows.size, n, n), np.nan), *np.full((2, m, 6), np.nan)
+    more = np.full((m, 4, TOLD.size), np.nan), np.full(m, np.nan)
+    backward(case.system, case.measured, out, rows, *found, *more)
+    return *found, *more
 
 
 def gain(score: np.ndarray, information: np.ndarray) -> float:
@@ -209,6 +214,34 @@ def test_smoothed_errors_of_navigation(case: Case):
     for k in range(EPOCHS):
         covariance = p_nav[k, :, :9] - p_nav[k] @ info[k] @ p_nav[k].T
         assert covariance == pytest.approx((dense.covariance - told)[k, :9, k, :9], abs=1e-8)
+
+
+def test_sums_over_states(case: Case):
+    """By the definition, from score and information at all epochs."""
+    out = run(case)[1]
+    r, info, _, _, told, driven = smooth_some(case, out, np.arange(EPOCHS), N)
+    assert told[:, 0] == pytest.approx(out[4] + np.einsum("kij,kj->ki", out[5], r), abs=1e-10)
+    assert told[:, 1] == pytest.approx(r[:, TOLD], abs=1e-12)
+    assert told[:, 2] == pytest.approx(np.einsum("kij,kji->ki", out[5], info[:, :, TOLD]), abs=1e-10)
+    assert told[:, 3] == pytest.approx(info[:, TOLD, TOLD], abs=1e-12)
+    free = info[:, :9, :9] - r[:, :9, None] * r[:, None, :9]
+    assert driven == pytest.approx(np.einsum("kij,kij->k", case.system[3], free), abs=1e-9)
+
+
+def test_faults_that_have_not_begun_change_nothing(case: Case):
+    """Some epochs and the states without faults, beside all."""
+    alive = np.arange(N) < N - 9
+    start = case.start[0] * alive, case.start[1] * alive * alive[:, None]
+    system = (*case.system[:4], case.system[4] * alive, case.system[5])
+    none = case._replace(system=system, start=start, jumps=(case.jumps[0], case.jumps[1] * alive[:, None]))
+    out = run(none)[1]
+    every = smooth_some(none, out, np.arange(EPOCHS), N)
+    some = smooth_some(none, out, np.array([0, 5]), N - 9)
+    assert some[0] == pytest.approx(every[0][[0, 5], :-9], abs=1e-12)
+    assert some[1] == pytest.approx(every[1][[0, 5], :-9, :-9], abs=1e-12)
+    for few, all_states in zip(some[2:], every[2:], strict=True):
+        rows = np.s_[..., TOLD < N - 9] if few.ndim == 3 else np.s_[:]
+        assert few[rows] == pytest.approx(all_states[rows], abs=1e-10)
 
 
 def test_information_stays_symmetric_and_positive():
