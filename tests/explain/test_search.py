@@ -21,6 +21,7 @@ from insnav.explain.search import Fit, Search, same, search, search_part
 from insnav.filter.navigator import Navigator
 from insnav.filter.prepare import Prepared
 from insnav.kernels.dynamics import NAV
+from insnav.kernels.errorstate import STATES
 from insnav.steps import PREPARE, run_steps
 from insnav.types import ImuData
 
@@ -78,6 +79,45 @@ def drawn(seed: int, step: Step | None = None, size: float = 0.0, weak: int = 0)
 
 def told(found: Search) -> list[tuple[str, int, int]]:
     return [(step.kind.name, step.begin, step.end) for step in found.best.steps]
+
+
+def test_the_noise_of_a_span_is_that_of_the_random_walks() -> None:
+    """Integrals of white noise over a second, of a level vehicle at constant speed: 0.3 deg/√h and 0.05 m/s/√h."""
+    span, _, _, q, _ = nominal().system
+    moving = span[1:] == pytest.approx(1.0, abs=0.1)
+    assert moving
+    variance = np.median(np.diagonal(q, axis1=1, axis2=2)[1:], axis=0) / np.median(span)
+    angle, speed = np.radians(0.3) / 60.0, 0.05 / 60.0
+    assert np.sqrt(variance[6:9]) == pytest.approx(angle, rel=0.02)
+    # tilt noise turns gravity within the second: its share is g^2 dt^2 / 3 of the variance of the angle
+    assert np.sqrt(variance[3:5]) == pytest.approx(np.hypot(speed, 9.8 * angle / np.sqrt(3.0)), rel=0.05)
+    assert np.sqrt(variance[5]) == pytest.approx(speed, rel=0.2)
+
+
+def test_misalignments_are_constant_states_with_their_prior() -> None:
+    record = nominal()
+    found = record.with_axes(prepared().imu, np.array([1e-3, 2e-3]))
+    own = slice(STATES, STATES + 12)
+    np.testing.assert_allclose(found.start[own, own], np.diag(np.repeat([1e-6, 4e-6], 6)), atol=1e-20)
+    assert np.all(found.system[2][:, own] == 1.0)
+    np.testing.assert_array_equal(
+        np.delete(found.start, range(*own.indices(99)), axis=0)[:, :STATES], record.start[:, :STATES]
+    )
+
+
+def test_each_of_two_faults_has_a_gain_of_its_own() -> None:
+    """The gain of one, the other given, is less than that of both."""
+    plain, kinds = drawn(7), (OF["gyro_z"], OF["turned"])
+    parts = [drawn(7, Step(kind, at, 1.0), LASTING[kind.name]) for kind, at in zip(kinds, (60, 160), strict=True)]
+    z = sum(each.measured[0] for each in parts) - plain.measured[0]  # the record is linear
+    record = replace(plain, measured=(z, *plain.measured[1:]))
+    found = search(record, kinds)
+    for _ in range(2):  # other runs of the filter leave a linear record as it is
+        found = found if found.complete else search(record, kinds, found)
+    assert [kind for kind, _, _ in told(found)] == ["gyro_z", "turned"]
+    whole = search(record, ()).best.cost - found.best.cost
+    assert all(100.0 < gain < 0.95 * whole for gain in found.gains)
+    assert sum(found.gains) > whole
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -240,6 +280,15 @@ def test_an_episode_is_found_with_its_end(name: str) -> None:
     assert kind == name
     assert abs(begin - BEGIN) <= NEAR
     assert abs(end - END) <= NEAR
+
+
+def test_fixes_may_be_ten_times_worse_than_stated_but_not_better() -> None:
+    """Each costs 1, as does one standard deviation of a normal distribution: a factor of 10, and of 0.97."""
+    for number in (0, 1):
+        for factor in (10.0, 0.97):
+            noise = Noise(tuple(np.log(factor) * np.eye(5)[number]))
+            assert noise.cost == pytest.approx(1.0, rel=0.05)
+            assert noise.sd[number] == pytest.approx(abs(np.log(factor)), rel=0.05)
 
 
 def test_figures_of_noise_stay_near_their_prior() -> None:
