@@ -14,10 +14,10 @@ import insnav
 from insnav import spill
 from insnav.explain import explanation
 from insnav.explain import record as record_module
-from insnav.explain.explanation import faults_in
+from insnav.explain.explanation import _least_found, faults_in
 from insnav.explain.kinds import KINDS, RETURN
 from insnav.explain.record import FAULTS, TAILS, WEIGHTED, LinearRecord, Noise, Step
-from insnav.explain.search import Fit, Search, same, search, search_part
+from insnav.explain.search import Fit, Search, forms_of, same, search, search_part
 from insnav.filter.navigator import Navigator
 from insnav.filter.prepare import Prepared
 from insnav.kernels.dynamics import NAV
@@ -244,6 +244,24 @@ def test_slopes_by_the_noise_figures_are_those_of_the_dense_density() -> None:
         for number, change in enumerate(by * np.eye(5)):
             more, less = (dense_cost(each, steps, weights, Noise(tuple(figures + sign * change))) for sign in (1, -1))
             assert told.slope[number] == pytest.approx((more - less) / (2.0 * by), rel=1e-3, abs=0.01), number
+
+
+@pytest.mark.parametrize("sd", [0.2, 2.0])
+def test_a_fault_of_the_stated_size_is_detected_nine_times_in_ten(sd: float) -> None:
+    """Estimates of a jump with a known standard deviation are drawn; its evidence is that of normal densities."""
+    random, kind, count = np.random.default_rng(6), OF["offset"], 4000
+    least = _least_found(np.eye(3) / sd**2, kind, 1.0, 0.0, 0.0)
+    estimate = least * np.eye(3)[0] + sd * random.normal(size=(count, 3))
+    prior = kind.size**2 * np.geomspace(1e-2, 1e4, 25)[:, None]  # variances
+    ratio = np.sum(estimate**2, axis=1) * (1.0 / sd**2 - 1.0 / (sd**2 + prior)) - 3.0 * np.log(1.0 + prior / sd**2)
+    evidence = (ratio - kind.cost(prior, 1.0)).max(axis=0)
+    # tested sizes are 12 % apart, and noise of the other axes helps
+    assert 0.88 < np.mean(evidence > 6.0) < 0.985
+
+
+def test_faults_of_the_imu_have_forms_and_those_of_fixes_none() -> None:
+    steps = Step(OF["offset"], 30, 1.0, 40), Step(OF["gyro_z"], 90, 1e-4, 95), Step(OF["accel_x"], 50, 0.1)
+    assert forms_of(steps) == [("accel_x", False), ("gyro_z", True)]
 
 
 @pytest.mark.parametrize("part", [30.0, 100.0])
