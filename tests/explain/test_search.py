@@ -5,6 +5,7 @@ from __future__ import annotations
 import weakref
 from dataclasses import replace
 from functools import lru_cache
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -17,7 +18,7 @@ from insnav.explain import record as record_module
 from insnav.explain.explanation import _least_found, faults_in
 from insnav.explain.kinds import KINDS, RETURN
 from insnav.explain.record import FAULTS, TAILS, WEIGHTED, LinearRecord, Noise, Step
-from insnav.explain.search import Fit, Search, forms_of, same, search, search_part
+from insnav.explain.search import Fit, Search, forms_of, matters, same, search, search_part
 from insnav.filter.navigator import Navigator
 from insnav.filter.prepare import Prepared
 from insnav.kernels.dynamics import NAV
@@ -257,6 +258,18 @@ def test_a_fault_of_the_stated_size_is_detected_nine_times_in_ten(sd: float) -> 
     evidence = (ratio - kind.cost(prior, 1.0)).max(axis=0)
     # tested sizes are 12 % apart, and noise of the other axes helps
     assert 0.88 < np.mean(evidence > 6.0) < 0.985
+
+
+def test_a_fault_matters_where_it_moves_the_solution_by_its_sd_or_doubles_its_variance() -> None:
+    weights = np.ones((4, WEIGHTED.size))
+
+    def fit(moved: float = 0.0, variance: float = 1.0) -> Any:
+        return SimpleNamespace(
+            seen=SimpleNamespace(nav=np.full(4, moved), nav_variance=np.full(4, variance)), weights=weights
+        )
+
+    for after, expected in ((fit(0.9), False), (fit(-1.1), True), (fit(0.0, 1.8), False), (fit(0.0, 2.2), True)):
+        assert matters(fit(), after, np.ones((4, 2), dtype=bool)) is expected
 
 
 def test_faults_of_the_imu_have_forms_and_those_of_fixes_none() -> None:
