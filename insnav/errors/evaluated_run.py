@@ -393,6 +393,7 @@ def run_warnings(found: EvaluatedRun) -> tuple[Finding, ...]:
     too_sure = [each for mode in ("filtered", "smoothed") for each in overconfident(mode, stated.get(mode))]
     unusable, lost = failure(found.run), tuple(_lost_heading(found))
     delay = delay_shown(found.run)  # beyond it, the clocks of samples and fixes leave no definite solution time
+    turn = reference_check.turned_in_place(found.best)  # of a wheeled vehicle that stands
     of_drive, of_reference = event_warnings(found.run)
     return (
         *([unusable] if unusable else []),
@@ -406,7 +407,7 @@ def run_warnings(found: EvaluatedRun) -> tuple[Finding, ...]:
         *(() if found.useless_reference else too_sure[:1]),
         *_diverged(found.run),
         *_turned_at_rest(found.run),
-        *_turned_in_place(found.best),
+        *(Finding.of(Code.RUN_TURNED_IN_PLACE, *span, angle_rad=angle) for *span, angle in filter(None, [turn])),
         *_begun_late(found.run),
         *_samples_lost(found.run),
         *_no_heights(found),
@@ -533,14 +534,6 @@ def _turned_at_rest(run: Run) -> Iterator[Finding]:
         yield Finding.of(
             Code.RUN_TURNED_AT_REST, begin, float(at.left), rate_rad_s=abs(rate), limit_rad_s=limit, angle_rad=turn
         )
-
-
-def _turned_in_place(track: Trajectory) -> Iterator[Finding]:
-    """Report a wheeled vehicle that turns while stationary."""
-    turn = reference_check.turned_in_place(track)
-    if turn is not None:
-        begin, end, angle = turn
-        yield Finding.of(Code.RUN_TURNED_IN_PLACE, begin, end, angle_rad=angle)
 
 
 def _lost_heading(found: EvaluatedRun) -> Iterator[Finding]:

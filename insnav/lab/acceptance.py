@@ -90,7 +90,9 @@ def scale_of(channel: Channel, *, where: str = "") -> Scale:
     if np.unique(setting).size >= FEWEST:
         table = calibrate_rate_table(setting, output, where=where)
     else:  # six positions set an accelerometer to -1, 0 and 1 g only
-        _refuse_few(setting, where)
+        if np.unique(setting).size < 2 or setting.size < 3 or not setting.min() < 0.0 < setting.max():
+            few = tuple(np.unique(setting).tolist())
+            raise InputError("lab.few_settings", where=where, count=setting.size, settings=few)
         fit = linear_fit(np.column_stack((np.ones_like(setting), setting)), output, NAMES, where=where)
         table = RateTable(setting, output, np.ones(setting.size, dtype=np.bool_), fit, None, None, ())
     average = table.average
@@ -101,13 +103,6 @@ def scale_of(channel: Channel, *, where: str = "") -> Scale:
     # the zero is measured about as well as the line; how the scale factor errs matters for large biases only
     bias_sd = float(np.hypot(zero_sd, bias * k_sd)) / abs(k)
     return Scale(table, float(k), float(k_sd), float(bias * factor), bias_sd * factor)
-
-
-def _refuse_few(setting: FloatArray, where: str) -> None:
-    if np.unique(setting).size < 2 or setting.size < 3 or not setting.min() < 0.0 < setting.max():
-        raise InputError(
-            "lab.few_settings", where=where, count=setting.size, settings=tuple(np.unique(setting).tolist())
-        )
 
 
 def stability_of(time: FloatArray, output: FloatArray, length: float) -> Stability | None:

@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import astuple, dataclass, fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -430,7 +430,8 @@ class SweepCalibration:
     output: FloatArray  # (n, 3) mean output of each gyro [unit of the output]
     raw: bool  # the output is in volts or counts, not rad/s
     own: tuple[IntArray, ...]  # (k,) dwells about x alone, about y alone, about z alone
-    matrix: FloatArray  # (3, 3) B [unit of the output per rad/s]
+    # (3, 3) B [unit of the output per rad/s]: best straight line over the table's rates, also where the gyros bend
+    matrix: FloatArray
     bias: FloatArray  # (3,) b [unit of the output]
     fits: tuple[Fit, ...]  # of each gyro: three sensitivities and the bias
     used: BoolArray  # (n, 3) dwells in each gyro's fit
@@ -561,23 +562,14 @@ def fit(record: SweepRecord, how: BenchOptions) -> Calibration[SweepRecord, Swee
     errors, sd = sweep_errors(found, record.unit, how.name)
     fits = {f"gyro {axis}": each for axis, each in zip("xyz", found.fits, strict=True)}
     left_out = (Finding.of(Code.BENCH_LEFT_OUT, count=len(found.dropped)),) * bool(found.dropped)
-    warnings = (*left_out, *record.warnings, *found.warnings, *_worse(found), *calibration.badly_conditioned(fits))
+    worse = (
+        Finding.of(Code.BENCH_INTERCEPT, subject=f"{'xyz'[g]}{i + 1}", after_rad_s=after, before_rad_s=before)
+        for g, i, _, _, before, after in map(astuple, found.adjusted)
+        if after > before
+    )
+    warnings = (*left_out, *record.warnings, *found.warnings, *worse, *calibration.badly_conditioned(fits))
     parameters = _parameters(found, record.unit if record.raw else "deg/s")
     return Calibration("imu", errors, sd, parameters, fits, record, found, how, warnings)
-
-
-def _worse(found: SweepCalibration) -> tuple[Finding, ...]:
-    """Report harmful manual intercepts."""
-    return tuple(
-        Finding.of(
-            Code.BENCH_INTERCEPT,
-            subject=f"{'xyz'[each.gyro]}{each.piece + 1}",
-            after_rad_s=each.after,
-            before_rad_s=each.before,
-        )
-        for each in found.adjusted
-        if each.after > each.before
-    )
 
 
 def sweep_errors(found: SweepCalibration, unit: str, name: str = "") -> tuple[ImuErrors, CalibrationSd]:

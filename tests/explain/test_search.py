@@ -5,6 +5,7 @@ from __future__ import annotations
 import weakref
 from dataclasses import replace
 from functools import lru_cache
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -14,13 +15,14 @@ import insnav
 from insnav import spill
 from insnav.explain import explanation
 from insnav.explain import record as record_module
-from insnav.explain.explanation import faults_in
+from insnav.explain.explanation import _least_found, faults_in
 from insnav.explain.kinds import KINDS, RETURN
 from insnav.explain.record import FAULTS, TAILS, WEIGHTED, LinearRecord, Noise, Step
-from insnav.explain.search import Fit, Search, same, search, search_part
+from insnav.explain.search import Fit, Search, forms_of, matters, same, search, search_part
 from insnav.filter.filter_input import FilterInput
 from insnav.filter.navigator import Navigator
 from insnav.kernels.dynamics import NAV
+from insnav.kernels.errorstate import STATES
 from insnav.steps import PREPARE, run_steps
 from insnav.types import ImuData
 
@@ -78,6 +80,45 @@ def drawn(seed: int, step: Step | None = None, size: float = 0.0, weak: int = 0)
 
 def told(found: Search) -> list[tuple[str, int, int]]:
     return [(step.kind.name, step.begin, step.end) for step in found.best.steps]
+
+
+def test_the_noise_of_a_span_is_that_of_the_random_walks() -> None:
+    """Integrals of white noise over a second, of a level vehicle at constant speed: 0.3 deg/√h and 0.05 m/s/√h."""
+    span, _, _, q, _ = nominal().system
+    moving = span[1:] == pytest.approx(1.0, abs=0.1)
+    assert moving
+    variance = np.median(np.diagonal(q, axis1=1, axis2=2)[1:], axis=0) / np.median(span)
+    angle, speed = np.radians(0.3) / 60.0, 0.05 / 60.0
+    assert np.sqrt(variance[6:9]) == pytest.approx(angle, rel=0.02)
+    # tilt noise turns gravity within the second: its share is g^2 dt^2 / 3 of the variance of the angle
+    assert np.sqrt(variance[3:5]) == pytest.approx(np.hypot(speed, 9.8 * angle / np.sqrt(3.0)), rel=0.05)
+    assert np.sqrt(variance[5]) == pytest.approx(speed, rel=0.2)
+
+
+def test_misalignments_are_constant_states_with_their_prior() -> None:
+    record = nominal()
+    found = record.with_axes(prepared().imu, np.array([1e-3, 2e-3]))
+    own = slice(STATES, STATES + 12)
+    np.testing.assert_allclose(found.start[own, own], np.diag(np.repeat([1e-6, 4e-6], 6)), atol=1e-20)
+    assert np.all(found.system[2][:, own] == 1.0)
+    np.testing.assert_array_equal(
+        np.delete(found.start, range(*own.indices(99)), axis=0)[:, :STATES], record.start[:, :STATES]
+    )
+
+
+def test_each_of_two_faults_has_a_gain_of_its_own() -> None:
+    """The gain of one, the other given, is less than that of both."""
+    plain, kinds = drawn(7), (OF["gyro_z"], OF["turned"])
+    parts = [drawn(7, Step(kind, at, 1.0), LASTING[kind.name]) for kind, at in zip(kinds, (60, 160), strict=True)]
+    z = sum(each.measured[0] for each in parts) - plain.measured[0]  # the record is linear
+    record = replace(plain, measured=(z, *plain.measured[1:]))
+    found = search(record, kinds)
+    for _ in range(2):  # other runs of the filter leave a linear record as it is
+        found = found if found.complete else search(record, kinds, found)
+    assert [kind for kind, _, _ in told(found)] == ["gyro_z", "turned"]
+    whole = search(record, ()).best.cost - found.best.cost
+    assert all(100.0 < gain < 0.95 * whole for gain in found.gains)
+    assert sum(found.gains) > whole
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -206,6 +247,36 @@ def test_slopes_by_the_noise_figures_are_those_of_the_dense_density() -> None:
             assert told.slope[number] == pytest.approx((more - less) / (2.0 * by), rel=1e-3, abs=0.01), number
 
 
+@pytest.mark.parametrize("sd", [0.2, 2.0])
+def test_a_fault_of_the_stated_size_is_detected_nine_times_in_ten(sd: float) -> None:
+    """Estimates of a jump with a known standard deviation are drawn; its evidence is that of normal densities."""
+    random, kind, count = np.random.default_rng(6), OF["offset"], 4000
+    least = _least_found(np.eye(3) / sd**2, kind, 1.0, 0.0, 0.0)
+    estimate = least * np.eye(3)[0] + sd * random.normal(size=(count, 3))
+    prior = kind.size**2 * np.geomspace(1e-2, 1e4, 25)[:, None]  # variances
+    ratio = np.sum(estimate**2, axis=1) * (1.0 / sd**2 - 1.0 / (sd**2 + prior)) - 3.0 * np.log(1.0 + prior / sd**2)
+    evidence = (ratio - kind.cost(prior, 1.0)).max(axis=0)
+    # tested sizes are 12 % apart, and noise of the other axes helps
+    assert 0.88 < np.mean(evidence > 6.0) < 0.985
+
+
+def test_a_fault_matters_where_it_moves_the_solution_by_its_sd_or_doubles_its_variance() -> None:
+    weights = np.ones((4, WEIGHTED.size))
+
+    def fit(moved: float = 0.0, variance: float = 1.0) -> Any:
+        return SimpleNamespace(
+            seen=SimpleNamespace(nav=np.full(4, moved), nav_variance=np.full(4, variance)), weights=weights
+        )
+
+    for after, expected in ((fit(0.9), False), (fit(-1.1), True), (fit(0.0, 1.8), False), (fit(0.0, 2.2), True)):
+        assert matters(fit(), after, np.ones((4, 2), dtype=bool)) is expected
+
+
+def test_faults_of_the_imu_have_forms_and_those_of_fixes_none() -> None:
+    steps = Step(OF["offset"], 30, 1.0, 40), Step(OF["gyro_z"], 90, 1e-4, 95), Step(OF["accel_x"], 50, 0.1)
+    assert forms_of(steps) == [("accel_x", False), ("gyro_z", True)]
+
+
 @pytest.mark.parametrize("part", [30.0, 100.0])
 def test_standard_deviations_of_positions_far_too_small_are_no_fault(part: float) -> None:
     record = drawn(8)
@@ -240,6 +311,15 @@ def test_an_episode_is_found_with_its_end(name: str) -> None:
     assert kind == name
     assert abs(begin - BEGIN) <= NEAR
     assert abs(end - END) <= NEAR
+
+
+def test_fixes_may_be_ten_times_worse_than_stated_but_not_better() -> None:
+    """Each costs 1, as does one standard deviation of a normal distribution: a factor of 10, and of 0.97."""
+    for number in (0, 1):
+        for factor in (10.0, 0.97):
+            noise = Noise(tuple(np.log(factor) * np.eye(5)[number]))
+            assert noise.cost == pytest.approx(1.0, rel=0.05)
+            assert noise.sd[number] == pytest.approx(abs(np.log(factor)), rel=0.05)
 
 
 def test_figures_of_noise_stay_near_their_prior() -> None:

@@ -189,6 +189,16 @@ def test_stops_are_those_of_the_drive():
     assert np.isfinite(rate_sd).all()
 
 
+def test_stops_are_the_same_in_increments_and_in_rates():
+    imu, fixes, _ = recording(2)
+    step = np.median(np.diff(imu.time))
+    assert imu.sampling == "increment"
+    rates = replace(imu, gyro=imu.gyro / step, accel=imu.accel / step, sampling="rate")
+    (stops, sd, _), (same, same_sd, _) = (find_stops(each, velocity(fixes), drives.SPEC) for each in (imu, rates))
+    np.testing.assert_array_equal(same, stops)
+    np.testing.assert_allclose(same_sd, sd, rtol=1e-6)
+
+
 def test_what_stops_softly_is_no_stop_before_it_stands():
     """Speed dies away by e in 1.2 s, without vibration below a metre a second; with it stops began at 0.8 m/s."""
     rng, step, lap = np.random.default_rng(4), 0.01, 90.0

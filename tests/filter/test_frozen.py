@@ -105,6 +105,20 @@ def test_velocities_that_stay_the_same_in_motion_are_none(since, value):
     assert said["distance_m"] > said["limit_m"]
 
 
+@pytest.mark.parametrize("held", [5.0, 0.0])
+def test_of_a_held_velocity_the_first_is_measured_and_of_zeros_none(held):
+    """A vehicle goes north ever faster; the receiver repeats its velocity, or says 0, for a minute."""
+    time = np.arange(120.0)
+    v_n = np.outer(0.25 * time, [1.0, 0.0, 0.0])
+    lla = lla_offset(np.tile([0.8, 0.2, 100.0], (120, 1)), np.outer(0.125 * time**2, [1.0, 0.0, 0.0]))
+    shaken = replace(AT_REST, accel=AT_REST.accel + np.sin(0.3 * AT_REST.time)[:, None] * [1.0, 0.0, 0.0])
+    v_n[20:80] = [held, 0.0, 0.0]
+    found, said = without_frozen(GpsData(time, lla, v_n, np.ones((120, 3)), np.ones((120, 3))), shaken)
+    assert [event.code for event in said] == [Code.GPS_FROZEN_VELOCITY]
+    lost = np.flatnonzero(np.isnan(found.v_n).any(axis=1))
+    np.testing.assert_array_equal(lost, np.arange(21 if held else 20, 80))
+
+
 def test_velocities_that_are_zero_at_rest_or_steady_in_motion_are_used():
     """Positions wander by metres; on a straight way they go where the velocity says."""
     time, noise = np.arange(120.0), np.cumsum(np.random.default_rng(4).standard_normal((120, 3)), axis=0)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from insnav.earth import lla_offset, ned_offset
-from insnav.filter.gates import Gates, aside
+from insnav.filter.gates import Gates, aside, pass_quality
 from insnav.findings import Code, Severity
 from insnav.simulate import reference
 from insnav.types import GpsData, Run
@@ -260,3 +260,11 @@ def test_a_jump_that_stays_leaves_no_fix_aside(size):
     fixes = turning(time, 0.1)
     off = size * np.outer(time > 507.0, [0.6, 0.8, 0.0])
     assert not aside(Gates(), replace(fixes, lla=lla_offset(fixes.lla, off))).any()
+
+
+def test_fixes_without_a_position_and_poor_ones_are_no_fixes() -> None:
+    """GGA quality 0 means invalid, 1 autonomous, 2 differential, 4 fixed, 6 estimated."""
+    sd = np.array([[1.0, 1.0, 2.0]] * 5 + [[1.0, 1.0, 60.0]])
+    gps = GpsData(np.arange(6.0), np.zeros((6, 3)), np.zeros((6, 3)), sd, sd, fix=np.array([0, 1, 2, 4, 6, 4]))
+    assert pass_quality(Gates(max_sd=50.0), gps).tolist() == [False, True, True, True, True, False]
+    assert pass_quality(Gates(max_sd=50.0), replace(gps, fix=None)).tolist() == [True] * 5 + [False]

@@ -23,6 +23,7 @@ from insnav.filter.noise_identification import (
     NO_NOISE,
     Posterior,
     _begun,
+    _turned,
     identify,
     identify_noise,
     known_likelihood,
@@ -644,3 +645,12 @@ def test_where_rounding_decides_what_misalignments_do_the_drive_tells_no_noise(m
     sd = found.run.solution.sd
     assert sd is not None
     assert np.isfinite(sd).all()
+
+
+def test_larger_misalignments_leave_the_bias_of_level_accelerometers() -> None:
+    """What gravity adds through them is taken out of the bias: 9.8 m/s^2 times 1.5 mrad, of 0.04 m/s^2."""
+    prior = ImuSpec("prior", SensorSpec(misalignment=1e-3 * np.ones(3)), SensorSpec(misalignment=1e-3 * np.ones(3)))
+    found = replace(prior, accel=SensorSpec(bias=0.04 * np.ones(3)))
+    turned = _turned(prior, found, 1.5).accel
+    np.testing.assert_allclose(turned.misalignment, 1.5e-3)
+    np.testing.assert_allclose(turned.bias**2, 0.04**2 - (9.80665 * 1.5e-3) ** 2, rtol=1e-9)

@@ -74,6 +74,19 @@ def test_the_non_linearity_is_not_taken_for_scatter_of_the_matrix() -> None:
         assert b.sd[3] < 1.5 * a.sd[3]
 
 
+@pytest.mark.parametrize("shape", [cubic, lambda rate: 900.0 * np.tanh(rate / 900.0) - rate])
+def test_the_matrix_of_bent_gyros_is_their_best_straight_line(shape: Callable) -> None:
+    """Its interval holds that line through the response without noise, not the slope at rest."""
+    rng, inside, trials = np.random.default_rng(12), 0, 40
+    for _ in range(trials):
+        sensor = gyros(rng, (shape,) * 3)
+        rate = table(RATES[::3])
+        line = np.linalg.lstsq(np.column_stack((rate, np.ones(len(rate)))), sensor.show(rate, 0.0, rng), rcond=None)[0]
+        for axis, fit in enumerate(solve(sensor, rng, rates=RATES[::3]).fits):
+            inside += np.count_nonzero(np.abs(fit.value[:3] - line[:3, axis]) < fit.half_width()[:3])
+    assert inside / (9 * trials) > 0.92
+
+
 def test_the_error_at_rest_is_met_best() -> None:
     rng = np.random.default_rng(5)
     sensor = gyros(rng, (asymmetric, cubic, straight))

@@ -489,8 +489,15 @@ def window_start_sources(budget: RecordedBudget) -> tuple[Source, ...]:
 
 
 def spec_in_windows(budget: RecordedBudget) -> ImuSpec:
-    """Return the IMU errors that arise within the window."""
-    return replace(in_run_errors(budget.spec), name=f"{budget.spec.name}, {_kind(budget)}")
+    """Return the errors that an IMU adds after the start of a window: noise, bias change, terms without filter states.
+
+    In-run bias since the start is a random walk with the driving noise of the IMU file's Gauss-Markov process,
+    ``2 sd^2 / T`` (Gelb 1974, section 3.6). This holds for times far below T. Accelerometer misalignment acts as a bias
+    through gravity, and is included as such.
+    """
+    spec, name = budget.spec, f"{budget.spec.name}, {_kind(budget)}"
+    accel = replace(_since(spec.accel), misalignment=np.zeros(3))
+    return replace(spec, name=name, gyro=_since(spec.gyro), accel=accel, initial=None)
 
 
 def with_recorded(found: Budget, budget: RecordedBudget) -> Budget:
@@ -516,18 +523,6 @@ def with_recorded(found: Budget, budget: RecordedBudget) -> Budget:
 
 def _kind(budget: RecordedBudget) -> str:
     return "uncalibrated sensors" if budget.shown.windows.uncalibrated else "calibrated by the filter"
-
-
-def in_run_errors(spec: ImuSpec) -> ImuSpec:
-    """Return the errors that an IMU adds after the start: noise, bias change, terms without filter states.
-
-    In-run bias since the start is a random walk with the driving noise of the IMU file's Gauss-Markov process,
-    ``2 sd^2 / T`` (Gelb 1974, section 3.6). This holds for times far below T. Accelerometer misalignment acts as a bias
-    through gravity, and is included as such.
-    """
-    return replace(
-        spec, gyro=_since(spec.gyro), accel=replace(_since(spec.accel), misalignment=np.zeros(3)), initial=None
-    )
 
 
 def _since(sensor: SensorSpec) -> SensorSpec:

@@ -86,10 +86,7 @@ def _fits(numbers: FloatArray, headers: tuple[str, ...]) -> bool:
         gravity, rate = (float(np.median(np.linalg.norm(each, axis=0))) for each in (felt, turned))
         return bool(_GRAVITY[0] < gravity < _GRAVITY[1] and rate < 10.0 and np.median(step) < 0.2)
     angles = [at[header] / (1.0 if "deg" in header else DEG) for header in headers if header[:3] in ("lat", "lon")]
-    return _is_place(np.column_stack([*angles, at["height_m"]]))
-
-
-def _is_place(lla: FloatArray) -> bool:
-    """Test for nearly constant latitude, longitude [deg] and height [m], not small numbers of another kind."""
+    lla = np.column_stack([*angles, at["height_m"]])
+    # nearly constant latitude, longitude [deg] and height [m], not small numbers of another kind
     inside = (np.abs(lla) <= [90.0, 180.0, 1e4]).all()
     return bool(inside and np.ptp(lla[:, :2], axis=0).max() < 0.1 and np.abs(lla[:, :2]).max() > 1.0)

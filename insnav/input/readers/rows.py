@@ -81,7 +81,8 @@ class Rows:
             n_gaps=cleaned.n_gaps if gaps else 0,
             longest_gap_s=cleaned.longest_gap if gaps else 0.0,
             columns=columns,
-            evidence=tuple(self._of_file(each) for each in notes if each),
+            # the input name for a finding on the whole file
+            evidence=tuple(replace(each, subject=each.subject or self.kinds.source) for each in notes if each),
             axes=axes,
             sampling=sampling,
             stamp=stamp,
@@ -89,10 +90,6 @@ class Rows:
             gps_week=None if self.week is None else int(self.week),
         )
         return Reading(data, events, facts)
-
-    def _of_file(self, note: Finding) -> Finding:
-        """Add the input name to a finding on the whole file."""
-        return replace(note, subject=self.kinds.source) if not note.subject else note
 
 
 def read_rows(

@@ -12,7 +12,8 @@ line with a corner detects a remaining bend at an end, where each rate deviates 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from itertools import product
 from pathlib import Path
 from typing import Any, Literal, Protocol, TypeVar
 
@@ -217,10 +218,15 @@ def calibrate_rate_table(
         raise InputError(
             "lab.rate_ignored", where=where, scale=fit.value[1], scale_sd=fit.sd[1], residual=np.abs(fit.residual).max()
         )
-    if keep is not None:
+    if keep is None:
+        fit = replace(fit, covariance=_spread(rate[used], output[used], fit))
+    else:
         reason = Finding.of(Code.BENCH_RATE_EXCLUDED, low_setting=keep[0], high_setting=keep[1])
         dropped = tuple(_dropped(rate[i], output[i], fit, FALSE_ALARM, reason) for i in np.flatnonzero(~used))
-    forward, reverse = (_one_sense(rate, output, used & sense, where) for sense in (rate >= 0.0, rate <= 0.0))
+    forward, reverse = (
+        _line(rate[rows], output[rows], where) if np.unique(rate[rows]).size >= 3 else None
+        for rows in (used & (rate >= 0.0), used & (rate <= 0.0))
+    )
     return RateTable(rate, output, used, fit, forward, reverse, dropped)
 
 
@@ -236,10 +242,6 @@ def prediction_limit(fit: Fit, rate: float, probability: float) -> float:
 
 def _line(rate: FloatArray, output: FloatArray, where: str) -> Fit:
     return linear_fit(np.column_stack((np.ones_like(rate), rate)), output, NAMES, where=where)
-
-
-def _one_sense(rate: FloatArray, output: FloatArray, chosen: BoolArray, where: str) -> Fit | None:
-    return _line(rate[chosen], output[chosen], where) if np.unique(rate[chosen]).size >= 3 else None
 
 
 def _linear_part(rate: FloatArray, output: FloatArray, where: str) -> tuple[BoolArray, tuple[Dropped, ...]]:
@@ -295,6 +297,32 @@ def _bent(rate: FloatArray, output: FloatArray, used: BoolArray) -> IntArray:
             if fit.dof >= FEWEST and (p := float(stdtr(fit.dof, weaker))) < least:
                 least, found = p, rows[beyond > 0.0]
     return found
+
+
+def _spread(rate: FloatArray, output: FloatArray, fit: Fit) -> FloatArray:
+    """Compute the covariance of a line, with the doubt how many of the outer rates are bent.
+
+    Each hypothesis has 0 to `BENT` rates a side that fall short by any amount. Its line has the weight of Schwarz's
+    criterion, and its second moment about `fit` counts: J. A. Hoeting et al., Bayesian Model Averaging, Statistical
+    Science 14 (1999), section 2.
+    """
+    places, design = np.unique(rate), np.column_stack((np.ones_like(rate), rate))
+    floor = np.finfo(np.float64).eps ** 2 * float(output @ output)
+    criteria, moments = [], []
+    for low, high in product(range(BENT + 1), repeat=2):
+        bent = [*places[:low], *places[places.size - high :]]
+        if bent and places.size - len(bent) < FEWEST:
+            continue
+        straight = ~np.isin(rate, bent)
+        line = _line(rate[straight], output[straight], "")
+        excess = (output - design @ line.value) * np.sign(rate * line.value[1])
+        rest = [line.residual, *(excess[rate == p] - min(excess[rate == p].mean(), 0.0) for p in bent)]
+        squares = max(float(np.sum(np.concatenate(rest) ** 2)), floor)
+        criteria.append(rate.size * np.log(squares) + len(bent) * np.log(rate.size))
+        own = np.linalg.inv(design[straight].T @ design[straight]) * squares / (rate.size - 2 - len(bent))
+        moments.append(own + np.outer(line.value - fit.value, line.value - fit.value))
+    weight = np.exp(-0.5 * (np.array(criteria) - min(criteria)))
+    return np.asarray(np.average(moments, axis=0, weights=weight))
 
 
 def _dropped(rate: float, output: float, fit: Fit, probability: float, reason: Finding) -> Dropped:
