@@ -100,7 +100,9 @@ def draw(name: str) -> None:
     text = PngInfo()
     text.add_text(KEY, json.dumps(found))
     with Image.open(file) as picture:
-        picture.convert("RGB").quantize(256).save(file, pnginfo=text, optimize=True)  # half the size
+        picture.convert("RGB").quantize(256, Image.Quantize.FASTOCTREE).save(
+            file, pnginfo=text, optimize=True
+        )  # half the size
 
 
 if __name__ == "__main__":

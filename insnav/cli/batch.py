@@ -22,8 +22,7 @@ if TYPE_CHECKING:
     from insnav.fleet.batch import Drive
 
 SETTINGS = {"ignore_unknown_options": True, "allow_extra_args": True}  # options of run are passed on
-_SHOWN = 20  # drives in the terminal table
-_COLUMNS = ("drive", "vehicle", "result", "horizontal_error", "horizontal_sd", "rejected", "outlier", "reason")
+_COLUMNS = ("drive", "vehicle", "result", "horizontal_error", "horizontal_sd", "rejected", "outlier")
 
 
 def batch(
@@ -43,6 +42,7 @@ def batch(
         stage("finding")
         from insnav.fleet.batch import batch as navigated
         from insnav.fleet.batch import check_folder, find_drives, moved_aside
+        from insnav.messages import sentence
         from insnav.output.folder import resolved
         from insnav.report.fleet.page import nonempty_columns, write_fleet
         from insnav.result import Result
@@ -68,15 +68,16 @@ def batch(
             note("the drives that are finished are kept: the same command again goes on")
             raise
         stage("writing")
-        options, findings = {"drives": str(drives), "run": common}, (*left, *moved_aside(folder))
+        aside = moved_aside(folder)
+        for text in (*map(sentence, aside), *(f"{each.name}: {each.failed.reason}" for each in made if each.failed)):
+            note(text)
+        options, findings = {"drives": str(drives), "run": common}, (*left, *aside)
         outcome = Result("fleet", tuple(made), options=options, findings=findings)
         write_fleet(folder, outcome)
     page = outcome.page()
-    more = max(len(made) - _SHOWN, 0)
-    names = ("drives", f"fleet.csv ({more} drives more)" if more else "fleet.csv")
-    rows = nonempty_columns([[each for each in row if each.key in _COLUMNS] for row in page.sections[1].rows[:_SHOWN]])
-    shown = replace(page.sections[1], rows=rows)
-    result_page(folder, replace(page, sections=(shown,)), out, as_json=as_json, more=names)
+    rows = nonempty_columns([[each for each in row if each.key in _COLUMNS] for row in page.sections[1].rows])
+    shown = replace(page, sections=(replace(page.sections[1], rows=rows),))
+    result_page(folder, page if console.level > 0 else shown, out, as_json=as_json, more=("drives", "fleet.csv"))
     unwritten = [each.failed for each in made if isinstance(each.failed, OutputError)]
     if unwritten:
         raise OutputError("batch.unwritten", where=str(folder), count=len(unwritten), cause=unwritten[0])

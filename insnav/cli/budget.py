@@ -119,11 +119,9 @@ def budget(
             stage("motion")
             motion = motion_of(profile, begin, settings, rest)
             outcome = budget_of_motion(load_imu(str(imu)), motion, settings, partial(stage, "simulating"))
-        found = outcome.found
-        note(f"motion: {found.budget.motion}")
-        if found.budget.absent:
-            note(f"IMU model: {found.budget.imu}")
-            note(f"not given, taken as zero: {', '.join(found.budget.absent)}")
+        if absent := outcome.found.budget.absent:
+            note(f"IMU model: {outcome.found.budget.imu}")
+            note(f"not given, taken as zero: {', '.join(absent)}")
         outcome, where = data.save(outcome, folder, stage)
     result_page(where, outcome.page(), out, as_json=as_json, more=("budget.pdf",))
     check_usable(outcome)

@@ -26,7 +26,7 @@ from insnav.exceptions import InsnavError, OutputError, reason_of
 
 if TYPE_CHECKING:
     from insnav.output.folder import RunFolder
-    from insnav.report.page import Page, Show
+    from insnav.report.page import Page
     from insnav.result import Result
 
 # without a terminal, a line reports the current work after this, twice, four times this and so on [s]
@@ -89,12 +89,21 @@ def result_page(folder: Path, page: Page, out: Path, *, as_json: bool, more: Ite
     if as_json:
         result_facts(folder)
         return
-    from insnav.report.terminal import entry, page_text
+    from insnav.report.terminal import entry
 
-    wanted = (*more, "report.html", "figures", "run.json")
-    names = ", ".join(name for name in wanted if (folder / name).exists())
-    shown: tuple[Show, ...] = ("all", "page") if level > 0 else ("all",)
-    result(coloured(f"{page_text(page, terminal_width(), shown)}\n\n{entry('files', '')}{out}: {names}"))
+    names = ", ".join(name for name in (*more, "report.html", "figures", "run.json") if (folder / name).exists())
+    result(shown_page(page, f"{entry('files', '')}{out}: {names}; "))
+
+
+def shown_page(page: Page, files: str = "") -> str:
+    """Write a report for the terminal: in a few lines, or all of it in verbose mode."""
+    from insnav.messages import phrase
+    from insnav.report.terminal import brief_text, hanging, page_text
+
+    width = terminal_width()
+    if level > 0:
+        return coloured("\n\n".join([page_text(page, width, ("all", "page")), files.removesuffix("; ")]).rstrip())
+    return coloured(brief_text(page, width, hanging([files + phrase("terminal.details")], width)))
 
 
 def write_result(outcome: Result[Any], folder: RunFolder, stage: Stages, **how: Any) -> Path:

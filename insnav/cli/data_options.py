@@ -235,7 +235,7 @@ def as_option(where: str) -> str:
 def _option_of(word: str) -> str:
     if word in INPUTS:
         return INPUTS[word].option or f"--{word}"
-    return f"--{word}" if _READER_OPTION.fullmatch(word) or word in ("epochs", "point") else word
+    return f"--{word}" if _READER_OPTION.fullmatch(word) or word in ("epochs", "point", "correlated") else word
 
 
 def say_reading(facts: ReadingFacts) -> None:

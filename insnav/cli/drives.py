@@ -38,12 +38,7 @@ def align(data: Data, out: Out = Path("alignment"), force: Force = False, as_jso
             if finding not in read and finding is not drive.imu_chosen:  # the table and -v already contain these
                 console.note(sentence(finding))
         outcome, where = data.save(outcome, folder, stage)
-    if as_json:
-        console.result_facts(where)
-    else:
-        from insnav.report.terminal import entry
-
-        console.result(f"{console.brief_text(outcome)}\n{entry('files', '')}{out}: report.html, run.json")
+    console.result_page(where, outcome.page(), out, as_json=as_json)
 
 
 @takes_data(None, only=(*READING, "topic", "time_offset", "lever_arm", "gps_height", "gps_columns"))
@@ -63,7 +58,9 @@ def check(
         found = replace(checked(*files, gps=data.gps, ref=data.ref, **data.inputs), options=data.options)
     where = None if out is None else found.save(out, force=force, figures="page")
     if not as_json:
-        console.result(console.brief_text(found))
+        from insnav.report.check.page import text
+
+        console.result(console.coloured(text(found, console.terminal_width(), brief=console.level <= 0)))
     elif where is not None:
         console.result_facts(where)
     else:
@@ -111,7 +108,7 @@ def compare(
 
         console.result(json.dumps(json_ready(found.rows()), indent=1, ensure_ascii=False))
     else:
-        console.result(console.brief_text(outcome))
+        console.result(console.shown_page(outcome.page()))
 
 
 def demo(context: typer.Context, out: Out = Path("demo"), force: Force = False) -> None:
@@ -145,14 +142,12 @@ def outage(
     for value, name in ((first, "--first"), (spacing, "--spacing")):
         if value is not None:
             common.finite(value, name, largest=1e5)
-    from insnav.report.outage.page import judged
-
     with console.working(out, force) as (folder, stage):
         outcome = data.load(stage).outage(
             lengths=wanted, first=first, spacing=spacing, aiding=aiding, workers=engine, progress=stage.advance
         )
         outcome, where = data.save(outcome, folder, stage)
-    console.result_page(where, judged(outcome.page()), out, as_json=as_json)
+    console.result_page(where, outcome.page(), out, as_json=as_json)
     check_usable(outcome)
 
 

@@ -8,12 +8,12 @@ from collections.abc import Iterator
 from contextlib import nullcontext
 from itertools import pairwise
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 from insnav.cli import console
 from insnav.cli import options as common
 from insnav.cli.data_options import Data, takes_data
-from insnav.cli.options import Rate
+from insnav.cli.options import GPS, Rate, option
 from insnav.exceptions import ConfigError, InputError, reason_of
 
 if TYPE_CHECKING:
@@ -25,7 +25,16 @@ INPUTS = ["lever_arm", "lever_arm_sd", "gps_delay", "heading", "static", "initia
 
 
 @takes_data("LOG", files={}, only=("imu_model", "axes", "time_offset", *INPUTS))
-def live(data: Data, rate: Rate = "10") -> None:
+def live(
+    data: Data,
+    rate: Rate = "10",
+    correlated: Annotated[
+        str | None,
+        option(
+            GPS, "SHARE,S", "Time-correlated part of position errors: share of the variance, correlation time. [white]"
+        ),
+    ] = None,
+) -> None:
     """Run the filter on a log while it is written."""
     from insnav.input.interpret.physics import axes_matrix
     from insnav.input.stream import Stream
@@ -37,7 +46,8 @@ def live(data: Data, rate: Rate = "10") -> None:
     if inputs.get("imu_model") is None:
         raise ConfigError("online.no_imu", where="--imu")
     given = {key: inputs[key] for key in INPUTS if inputs[key] is not None}
-    nav = OnlineFilter(inputs["imu_model"], **given)
+    noise: Any = correlated and tuple(common.numbers(correlated, "--correlated", 2, "0.78,100"))
+    nav = OnlineFilter(inputs["imu_model"], correlated=noise, **given)
     turn, offset = axes_matrix(inputs["axes"] or "FRD").T, inputs["time_offset"] or 0.0
     log, rows, told, fixes, samples = Stream(), _Rows(common.interval(rate)), set[object](), 0, 0
     for piece in _pieces(data):

@@ -86,13 +86,6 @@ def run(
 
             console.result(f"{page_text(outcome.page(), console.terminal_width(), ('all', 'page'))}\n")
         console.result(console.coloured(f"{console.brief_text(outcome)}\n{console.files_line(where, out)}"))
-        if outcome.found.short_duration:
-            from insnav.report.page import section_tables
-            from insnav.report.run.quantities import short_section
-            from insnav.report.terminal import table_text
-
-            for table in section_tables(short_section(outcome.found.short_duration)):
-                console.result("\n" + table_text(table))
     check_usable(outcome)
     if fail_above is not None and outcome.found.errors is not None:
         from insnav.sample_statistics import rms

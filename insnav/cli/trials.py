@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import typer
 
 from insnav.cli import options as common
-from insnav.cli.console import Stages, note, quiet_figures, result, result_facts, result_page, working, write_result
+from insnav.cli.console import Stages, note, quiet_figures, result, result_page, working, write_result
 from insnav.cli.data_options import say_reading
 from insnav.cli.options import FILES, IMU, MOTION, RESULT, START, Engine, Force, Json, Out, Seed, argument, flag, option
 from insnav.exceptions import ConfigError
@@ -165,12 +165,12 @@ def simulate(
             where, page = write_recording(folder, plan, made)
         else:
             where, page = _many(folder, plan, runs, engine, resume, stage)
-    if as_json:
-        result_facts(where)
+    if as_json or runs is not None:
+        result_page(where, page, target, as_json=as_json, more=("runs.csv", "ensemble.csv"))
         return
-    from insnav.report.simulation.page import ensemble_lines, shown_lines
+    from insnav.report.simulation.page import shown_lines
 
-    result("\n".join((shown_lines if runs is None else ensemble_lines)(page, target)))
+    result("\n".join(shown_lines(page, target)))
 
 
 def _check(

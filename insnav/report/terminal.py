@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import replace
 from itertools import chain
 
 from rich.cells import cell_len
 
-from insnav.messages import phrase, translated
+from insnav.findings import Severity
+from insnav.messages import phrase, render, translated
 from insnav.plain_text import plain_text, wrapped
 from insnav.report.page import Page, Show, Table, section_tables
 
+LINES = 15  # of a short report
 _WORDS = 16  # least column width for wrapping
 _MARGIN = 12  # width of the names in a summary
 
@@ -27,13 +30,47 @@ def page_text(page: Page, width: int | None = None, shown: Sequence[Show] = ("al
     `width`: of the terminal; None: no wrapping. `shown`: other sections are omitted.
     Returns: lines without control characters.
     """
-    verdict = [] if page.verdict is None else [page.verdict.sentence]
-    blocks = ["\n".join(hanging(map(translated, [page.title, *verdict, *page.summary]), width))]
+    blocks = ["\n".join(_head(page, width))]
     blocks += [table_text(table, width) for section in page.sections for table in section_tables(section, shown)]
     warnings = ((phrase("page.warnings"), page.warnings),) if page.warnings else ()
     for heading, lines in (*warnings, *page.lists):
         blocks.append("\n".join([heading, *hanging([f"  - {line}" for line in lines], width)]))
     return "\n".join(plain_text(line) for line in "\n\n".join(blocks).splitlines())
+
+
+def brief_text(page: Page, width: int | None, last: Sequence[str] = ()) -> str:
+    """Write a report in `LINES` lines: verdict, warnings, the first tables, `last`.
+
+    Long warnings are shortened to their titles, and the last table to its first rows.
+    """
+    found = [each for each in page.findings if each.severity >= Severity.WARNING]
+    whole, titles = (
+        hanging([phrase("terminal.line", name=phrase("run.warning"), text=text) for text in texts], width)
+        for texts in (page.warnings, dict.fromkeys(render(each).title for each in found))
+    )
+    lines = [*_head(page, width), *(whole if len(whole) <= LINES // 3 else titles)]
+    for table in (each for section in page.sections for each in section_tables(section)):
+        shown = _first_rows(table, width, LINES - len(lines) - len(last))
+        lines += shown
+        if not shown:
+            break
+    return "\n".join([*map(plain_text, lines), *last])
+
+
+def _head(page: Page, width: int | None) -> list[str]:
+    """Write title, verdict and summary."""
+    verdict = [] if page.verdict is None else [page.verdict.sentence, page.verdict.rating]
+    return hanging(map(translated, [page.title, *verdict, *page.summary]), width)
+
+
+def _first_rows(table: Table, width: int | None, room: int) -> list[str]:
+    """Write a table in `room` lines, else its first columns, and the number of other rows; nothing without two rows."""
+    lines, total = table_text(table, width).splitlines(), len(table.rows)
+    for count in range(total, min(total, 2 if any(table.columns) else total) - 1, -1):
+        if len(lines) > room:
+            lines = table_text(replace(table, rows=table.rows[:count], note=""), width, parts=1).splitlines()
+            lines += ["  " + phrase("terminal.more_rows", count=total - count)] * (count < total)
+    return lines if len(lines) <= room else []
 
 
 def hanging(lines: Iterable[str], width: int | None) -> list[str]:
@@ -49,11 +86,11 @@ def hanging(lines: Iterable[str], width: int | None) -> list[str]:
     return [*chain.from_iterable(split)]
 
 
-def table_text(table: Table, width: int | None = None) -> str:
+def table_text(table: Table, width: int | None = None, parts: int | None = None) -> str:
     """Write a table in columns: first column and text left-aligned, numbers right-aligned.
 
     `width`: of the terminal. A last column of text is wrapped. Other columns that do not fit follow below, with the row
-    names repeated.
+    names repeated; with `parts`, so many times.
     """
     cells = [tuple(map(translated, row)) for row in (table.columns, *table.rows) if any(row)]
     widths = [max(cell_len(row[i]) for row in cells) for i in range(len(table.columns))]
@@ -64,7 +101,7 @@ def table_text(table: Table, width: int | None = None) -> str:
         widths[-1] = room
     left = {0, len(widths) - 1} if words else {0}
     lines: list[str] = []
-    for columns in _fitting(widths, width):
+    for columns in _fitting(widths, width)[:parts]:
         for row in cells:
             spaces = {i: " " * (widths[i] - cell_len(row[i])) for i in columns}
             texts = (row[i] + spaces[i] if i in left else spaces[i] + row[i] for i in columns)

@@ -10,7 +10,7 @@ import pytest
 
 import insnav
 from insnav.findings import Code, Finding
-from insnav.messages import render
+from insnav.messages import phrase, render
 from insnav.output.folder import read_facts
 from insnav.units import DEG
 from tests.cli.conftest import AT_REST, Cli, findings_of, says, warnings_of
@@ -33,7 +33,9 @@ def test_the_attitude_of_a_good_imu_is_found_within_its_uncertainty(at_rest: Pat
 
 
 def test_the_summary_says_what_was_found_and_how_well(at_rest: Path, cli: Cli):
-    lines = cli("align", "static.csv", *HERE, "--imu", "navigation").out.splitlines()
+    _, attitude, light, *lines = cli("align", "static.csv", *HERE, "--imu", "navigation").out.splitlines()
+    assert re.search(r"heading (39|40)\.\d+ ± 0\.\d+ deg", attitude)
+    assert light.startswith(phrase("light.good"))
     assert [line[:12].strip() for line in lines] == ["static", "coarse", "", "fine", "", "latitude", "files"]
     assert lines[0].endswith("600.0 s long")
     assert re.search(r"heading (39|40)\.\d+ ± 0\.\d+ deg", lines[2])

@@ -54,7 +54,8 @@ def table(fleet: Path) -> dict[str, dict[str, str]]:
         return {row["drive"]: row for row in csv.DictReader(file)}
 
 
-def test_a_folder_of_drives(drives: Path, drive: Path, cli: Cli):
+def test_a_folder_of_drives(drives: Path, drive: Path, cli: Cli, monkeypatch):
+    monkeypatch.setattr("insnav.cli.console.terminal_width", lambda: 120)
     shown = cli("batch", drives, "--out", drives / "fleet", *QUICK)
     assert shown.code == 1  # one failed
     assert "1 of 4 drives failed" in shown.err
@@ -62,6 +63,7 @@ def test_a_folder_of_drives(drives: Path, drive: Path, cli: Cli):
     assert next(iter(rows)) == "broken"
     assert rows.keys() == {"broken", "van-monday", "car-tuesday", "car-friday"}
     assert (rows["broken"]["result"], rows["broken"]["exit_code"]) == ("failed", "3")
+    assert rows["broken"]["reason"][:30] in shown.err
     assert "align.no_position" not in rows["broken"]["reason"]  # but what is wrong with the file of its fixes
     lines = shown.out.partition("\nfiles ")[0].splitlines()
     rows_shown = [line for line in lines if line.split()[:1] and line.split()[0] in {"drive", *rows}]
@@ -202,7 +204,7 @@ def test_a_damaged_result_is_made_again_and_what_is_left_of_it_kept(drives: Path
     assert (place / "solution.csv").read_bytes() == whole
     (aside,) = Path("fleet/drives").glob("friday.aside-*")
     assert (aside / "mine.txt").read_text() == "mine"
-    assert says(again.out, Finding.of(Code.BATCH_MOVED_ASIDE, subject=str(aside.absolute())))
+    assert says(again.err, Finding.of(Code.BATCH_MOVED_ASIDE, subject=str(aside.absolute())))
     (place / "mine.txt").write_text("mine")  # what was added is no damage
     Path("fleet/notes.md").write_text("mine")
     assert "2 of 2" in cli("batch", drives / "car", "--out", "fleet", *QUICK, "--no-smooth").out

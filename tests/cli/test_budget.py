@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 
+from insnav.messages import phrase
 from insnav.output.folder import read_facts
 from tests.cli.conftest import SAMPLE, Cli
 from tests.shared import verify_folder
@@ -32,7 +33,7 @@ def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_imu_alone(cli: Cli):
-    shown = cli("budget", "--imu", "mems.toml", "--times", "10,60")
+    shown = cli("budget", "--imu", "mems.toml", "--times", "10,60", "-v")
     assert shown.code == 0, shown.err
     verify_folder(Path("budget"))
     facts = read_facts(Path("budget"))
@@ -50,6 +51,16 @@ def test_imu_alone(cli: Cli):
     assert {"accel.scale_factor", "gyro.misalignment", "initial.velocity"} <= set(facts["not_given"])
     assert "-0.046 %" in shown.out
     assert facts["runs"] is None
+
+
+@pytest.mark.parametrize("width", [80, 160])
+def test_a_terminal_shows_fifteen_lines_and_the_largest_source(cli: Cli, monkeypatch, width: int):
+    monkeypatch.setattr("insnav.cli.console.terminal_width", lambda: width)
+    lines = cli("budget", "--imu", "consumer", "--times", "30,60").out.splitlines()
+    assert len(lines) <= 15
+    assert max(map(len, lines)) <= width
+    assert "of gyro bias." in " ".join(map(str.strip, lines))
+    assert lines[-1].endswith(phrase("terminal.details"))
 
 
 def test_the_hand_calculation_of_the_laboratory(cli: Cli):
@@ -147,7 +158,7 @@ def test_long_budgets_hold_the_height_and_say_so(cli: Cli):
 def test_a_recorded_drive_is_compared_with_the_prediction(cli: Cli):
     drive = (SAMPLE / "imu.csv.gz", "--gps", SAMPLE / "gps.csv", "--imu", SAMPLE / "imu.toml")
     options = ("--lever-arm", "0.8,-0.3,-1.2", "--times", "10,30", "--replicas", "0", "--runs", "100", "--uncalibrated")
-    shown = cli("budget", *drive, *options, "--ref", SAMPLE / "ref.csv", "--ref-sd", "0.02")
+    shown = cli("budget", *drive, *options, "--ref", SAMPLE / "ref.csv", "--ref-sd", "0.02", "-v")
     assert shown.code == 0, shown.err
     verify_folder(Path("budget"))
     facts = read_facts(Path("budget"))

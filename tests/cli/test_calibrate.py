@@ -69,7 +69,7 @@ def test_published_rate_table_on_the_terminal(bench: Path, cli: Cli) -> None:
 
 
 def test_published_tumble_on_the_terminal(bench: Path, cli: Cli) -> None:
-    shown = cli("calibrate", "accel", lab_file("accel_tumble_12.csv"))
+    shown = cli("calibrate", "accel", lab_file("accel_tumble_12.csv"), "-v")
     assert shown.code == 0, shown.err
     facts = read_facts(Path("calibration"))
     assert np.round(estimates(facts), 4).tolist() == [-0.1847, -2.4121, 0.0113, -0.0211]

@@ -30,7 +30,7 @@ FILES = ("about_x.csv", "about_y.csv", "about_z.csv")
 
 
 def test_sweeps_on_the_terminal_and_in_the_folder(bench: Path, cli: Cli) -> None:
-    shown = cli("calibrate", "imu", *FILES)
+    shown = cli("calibrate", "imu", *FILES, "-v")
     assert shown.code == 0, shown.err
     for words in (
         "gyro x senses y",
@@ -79,7 +79,7 @@ def test_an_intercept_set_by_hand_and_its_effect(bench: Path, cli: Cli) -> None:
     assert before is not None
     rate, error = before.rate[:2], before.error[:2]
     given = float(error[0] - np.diff(error)[0] / np.diff(rate)[0] * rate[0]) / DEG + 0.02
-    shown = cli("calibrate", "imu", *FILES, "--intercept", f"x1={given}", "--out", "hand")
+    shown = cli("calibrate", "imu", *FILES, "--intercept", f"x1={given}", "--out", "hand", "-v")
     assert shown.code == 0, shown.err
     assert "Set by hand" in shown.out
     (harm,) = findings_of(read_facts(Path("hand")), Code.BENCH_INTERCEPT)

@@ -31,7 +31,7 @@ def test_modules_are_recovered(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     modules = table(Path("p.csv"), positions, samples)
-    shown = cli("calibrate", "nine", "p.csv", "--gravity", 9.81)
+    shown = cli("calibrate", "nine", "p.csv", "--gravity", 9.81, "-v")
     assert shown.code == 0, shown.err
     errors = load_calibration("calibration/calibration.toml")
     truth = modules.gyro / np.diag(modules.gyro)[:, None]
@@ -58,7 +58,7 @@ def test_modules_are_recovered(
 def test_a_missing_position_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, cli: Cli) -> None:
     monkeypatch.chdir(tmp_path)
     table(Path("p.csv"), NINE[:-1])
-    shown = cli("calibrate", "nine", "p.csv", "--gravity", 9.81)
+    shown = cli("calibrate", "nine", "p.csv", "--gravity", 9.81, "-v")
     assert shown.code == 3
     assert "lab.positions_asymmetric" in shown.err
     assert "-35°/-40°" in shown.err

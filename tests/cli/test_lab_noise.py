@@ -61,7 +61,7 @@ def test_allan_writes_an_imu_file_that_can_be_used(bench: Path, cli: Cli) -> Non
 
 def test_acceptance_on_one_page(bench: Path, cli: Cli) -> None:
     files = ("--rates", "rates.csv", "--positions", "positions.csv", "--static", "static.csv")
-    shown = cli("acceptance", *files, "--powerups", "powerups.csv")
+    shown = cli("acceptance", *files, "--powerups", "powerups.csv", "-v")
     assert shown.code == 0, shown.err
     for words in ("scale factor K", "K forward", "K reverse", "Bias stability of gyro x", "Bias repeatability"):
         assert words in shown.out
@@ -91,7 +91,7 @@ def test_acceptance_of_published_powerups_says_what_they_are(bench: Path, cli: C
 
 
 def test_drift_before_and_after(bench: Path, cli: Cli) -> None:
-    shown = cli("drift", "drift.csv")
+    shown = cli("drift", "drift.csv", "-v")
     assert shown.code == 0, shown.err
     assert "It cannot remove bias instability" in shown.out
     assert "1.0 equivalent degrees of freedom" in shown.out

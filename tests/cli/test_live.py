@@ -97,6 +97,8 @@ def test_its_rows_are_those_of_a_run_with_all_data(folder: Path, cli: Cli) -> No
         ("time_s,lat_deg,lon_deg,height_m\n1,48,11,500\n", GIVEN, "online.no_samples", 3),
         ("1,2,3,4,5,6,7\n", GIVEN, "online.no_header", 3),
         ("", (), "online.no_imu", 2),
+        ("", (*GIVEN, "--correlated", "0.5"), "cli.not_numbers", 2),
+        ("", (*GIVEN, "--correlated", "2,100"), "input.out_of_range", 2),
     ],
 )
 def test_a_useless_log_is_refused(lines: str, more: tuple[str, ...], code: str, exit_code: int, cli: Cli) -> None:
@@ -113,6 +115,20 @@ def test_a_log_without_motion_ends_with_the_reason(folder: Path, cli: Cli) -> No
     assert refused.code == 3
     assert "online.never_aligned" in refused.err
     assert refused.out == ""
+
+
+def test_time_correlated_errors_are_those_of_the_online_filter(folder: Path, cli: Cli) -> None:
+    Path("log.csv").write_text("\n".join(mixed(folder)))
+    white, live = (cli("live", "log.csv", *GIVEN, *more) for more in ((), ("--correlated", "0.78,100")))
+    nav = insnav.OnlineFilter("automotive", lever_arm=(0, 0, 0), gps_delay=0.0, correlated=(0.78, 100.0))
+    imu, gps = (insnav.read_imu(folder / "imu.csv").data, insnav.read_gps(folder / "gps.csv").data)
+    for i, time in enumerate(gps.time):
+        nav.gps(time, gps.lla[i], gps.v_n[i], [*gps.position_sd[i], *gps.velocity_sd[i]])
+    nav.imu(imu.time, imu.gyro, imu.accel)
+    last, other = (list(csv.DictReader(io.StringIO(each.out)))[-1] for each in (live, white))
+    for i, name in enumerate(("sd_n_m", "sd_e_m", "sd_d_m")):
+        assert float(last[name]) == pytest.approx(nav.state.sd[i], rel=0.05)  # of a slightly later epoch
+        assert float(last[name]) > 1.5 * float(other[name])
 
 
 def test_times_that_go_back_are_told_and_left_out(folder: Path, cli: Cli) -> None:

@@ -47,7 +47,7 @@ def test_a_lost_filter_ends_with_the_exit_code_of_run(command: str, drive: Path,
 
 
 def test_a_length_that_does_not_fit_is_named(drive: Path, cli: Cli):
-    shown = cli(*QUICK[:-3], "3,999", "--first", "80", "--spacing", "60", "--engine", "1", "--aiding", "off")
+    shown = cli(*QUICK[:-3], "3,999", "--first", "80", "--spacing", "60", "--engine", "1", "--aiding", "off", "-v")
     assert sentence(Finding.of(Code.OUTAGE_NO_WINDOW, lengths_s=(999.0,))) in " ".join(shown.out.split())
 
 

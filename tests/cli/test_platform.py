@@ -40,7 +40,7 @@ def flight(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> tuple[str, ...]:
 
 
 def test_a_flight_is_found_again_and_every_integrator_judged(flight: tuple[str, ...], cli: Cli):
-    shown = cli("platform", "fw.csv", *flight, "--v-east", "0", "--ref", "ref.csv")
+    shown = cli("platform", "fw.csv", *flight, "--v-east", "0", "--ref", "ref.csv", "-v")
     assert shown.code == 0, shown.err
     facts = verify_folder(Path("platform"))
     off = facts["largest_difference_to_reference"]
@@ -103,7 +103,7 @@ def test_the_errors_of_a_platform_at_rest_are_beside_the_closed_form(
     force = np.tile(-gravity_n(np.radians(45.0), 0.0), (len(time), 1))
     write_force(Path("rest.csv"), time, force)
     errors = ("--gyro-drift", "0.01,-0.02,0.01", "--accel-bias", "50,0,0", "--misalignment", "0.001,0,0.01")
-    shown = cli("platform", "rest.csv", "--lat", "45", "--lon", "179.9", *errors)
+    shown = cli("platform", "rest.csv", "--lat", "45", "--lon", "179.9", *errors, "-v")
     assert shown.code == 0, shown.err
     facts = read_facts(Path("platform"))["platform_errors"]
     assert facts["drift_n_e_d_deg_h"] == pytest.approx([0.01, -0.02, 0.01])

@@ -12,7 +12,7 @@ from tests.shared import verify_folder
 
 def test_the_short_form_is_reported_beside_the_full_one(drive: Path, cli: Cli):
     plain = cli("run", *QUICK, "--out", "full")
-    shown = cli("run", *QUICK[:-1], "png", "--mechanization", "short", "--out", "short")
+    shown = cli("run", *QUICK[:-1], "png", "--mechanization", "short", "--out", "short", "-v")
     assert plain.code == shown.code == 0, shown.err
     facts, before = verify_folder(Path("short")), verify_folder(Path("full"))
     assert "short_mechanization" not in before

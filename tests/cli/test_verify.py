@@ -13,7 +13,7 @@ from insnav import strapdown
 from insnav.certificate import certify, platform_checks, strapdown_checks
 from insnav.certificate import integrators as peer
 from insnav.findings import Code, Finding
-from insnav.messages import sentence
+from insnav.messages import phrase, sentence
 from insnav.output.folder import read_facts
 from tests.cli.conftest import Cli
 from tests.shared import verify_folder
@@ -60,8 +60,9 @@ def test_folder_and_tables(short: None, cli: Cli):
 
 
 def test_a_broken_integrator_is_named_and_ends_with_1(broken: None, cli: Cli):
-    shown = cli("verify")
+    shown, short = cli("verify", "-v"), cli("verify", "--out", "short").out.splitlines()
     assert shown.code == 1
+    assert len(short) <= 15
     lines = shown.out.splitlines()
     assert lines[0] == "Numerical certificate: 2 FAILED"
     (row,) = (line for line in lines if line.startswith("  0.1 deg, 1 g, 10 Hz [ug]"))
@@ -69,6 +70,7 @@ def test_a_broken_integrator_is_named_and_ends_with_1(broken: None, cli: Cli):
     assert row.count("!") == 4
     failed = Finding.of(Code.CERTIFICATE_FAILED, subject="sculling: 0.1 deg, 1 g, 10 Hz")
     assert f"  - {sentence(failed)}" in lines
+    assert phrase("terminal.line", name=phrase("run.warning"), text=sentence(failed)) in short
     assert "2 of 28 checks failed" in shown.err
     assert "Traceback" not in shown.err
     facts = read_facts(Path("certificate"))  # written all the same

@@ -63,7 +63,7 @@ def test_it_is_kept_with_the_run_and_drawn_in_metres(navigated: Any, tmp_path: P
     lines = read_backdrop(file_of(tmp_path, STREET))
     made = replace(navigated, found=replace(navigated.found, backdrop=lines))
     again = open_result(made.save(tmp_path / "run", figures="none"))
-    line, rejected = panel_data(again.page().panels[0])["behind"]
+    line, _, rejected = panel_data(again.page().panels[0])["behind"]
     assert rejected["name"] == "position rejected (3)"
     east, north = (np.frombuffer(base64.b64decode(line[key]), "<f4") for key in ("x", "y"))
     origin = made.found.run.solution.lla[0]

@@ -7,12 +7,14 @@ import shutil
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import replace
+from io import BytesIO
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pandas as pd
 import pytest
+from PIL import Image
 
 import insnav
 from insnav.errors.budget.error_budget import budget
@@ -21,6 +23,7 @@ from insnav.errors.budget.sources import at_rest
 from insnav.errors.evaluated_run import EvaluatedRun
 from insnav.errors.metrics import position_errors
 from insnav.library import sample_drive
+from insnav.messages import translated
 from insnav.quantity import Quantity
 from insnav.report.html import page_html
 from insnav.report.page import Page, Section
@@ -275,6 +278,26 @@ def test_no_text_is_cut_and_a_metre_is_a_metre(browser: Browser, tmp_path: Path,
     assert ratio == pytest.approx(1.0, abs=0.01)
 
 
+def test_a_shadow_shows_that_a_table_goes_on(browser: Browser, tmp_path: Path) -> None:
+    rows = tuple(tuple(Quantity(f"column_{i}", 1.0 + i, "m") for i in range(12)) for _ in range(9))
+    file = tmp_path / "page.html"
+    file.write_text(page_html(Page("Wide", (), (Section("wide", "Wide", rows=rows),)), {}), encoding="utf-8")
+
+    def edges(scrolled: str) -> list[float]:
+        """Mean brightness of the last pixels at both ends of the table."""
+        browser.run(f"document.querySelector('.wide').scrollLeft = {scrolled}")
+        picture = browser.driver.find_element("css selector", ".wide").screenshot_as_png
+        grey = np.asarray(Image.open(BytesIO(picture)).convert("L"), dtype=float)
+        return [float(grey[:, side].mean()) for side in (slice(0, 3), slice(-3, None))]
+
+    browser.open(file, 390)
+    start, end = edges("0"), edges("9999")
+    assert start[1] < start[0] - 30.0
+    assert end[0] < end[1] - 30.0
+    browser.open(file, 1920)
+    assert np.ptp(edges("0")) < 20.0  # all of it is in view
+
+
 @pytest.mark.parametrize("width", [1920, 1280, 390])
 def test_the_page_of_a_run(browser: Browser, navigated: Any, tmp_path: Path, width: int) -> None:
     file = tmp_path / "report.html"
@@ -287,6 +310,8 @@ def test_the_page_of_a_run(browser: Browser, navigated: Any, tmp_path: Path, wid
     assert browser.run("return document.documentElement.scrollWidth") <= width
     names = browser.run("return insnav.drawings.map(each => each.key)")
     assert names[:4] == ["track", "position_error", "velocity_error", "attitude_error"]
+    legend = browser.run("return insnav.drawings[1].legend.textContent")
+    assert translated("no GPS used") in legend
     assert browser.run("return insnav.drawings.every(each => each.place.querySelector('.bk-Figure'))")
     # an event: pointing at it shows its text, a click goes there
     browser.run(

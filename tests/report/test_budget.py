@@ -136,7 +136,6 @@ def test_page_shows_curves_tables_and_assumptions(found):
     assert {"t", "t²", "t³"} <= {text.get_text() for text in growth_axes.texts}
     shown = page_text(sheet)
     assert "1 if the covariance is true" in shown
-    assert found.families[ranked(found)[0]] in sheet.summary[0]
 
 
 def test_the_first_sentence_has_all_four_ways_and_the_largest_source(found):

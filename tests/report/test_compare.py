@@ -11,7 +11,6 @@ from insnav.earth import lla_offset
 from insnav.exceptions import InputError
 from insnav.output.solution_tables import write_run_table
 from insnav.report.comparison.page import comparison_panels
-from insnav.result import Result
 from insnav.session.comparison import compare
 
 
@@ -25,15 +24,14 @@ def folder(tmp_path, name, solution, file_format="csv"):
 def test_each_run_gets_its_own_errors(driven, tmp_path):
     _, _, true = driven
     off = replace(true, lla=lla_offset(true.lla, np.array([3.0, 4.0, 0.0])))
-    found = compare(folder(tmp_path, "good", true), folder(tmp_path, "off", off, "parquet"), ref=true).found
-    rows = found.rows()
+    compared = compare(folder(tmp_path, "good", true), folder(tmp_path, "off", off, "parquet"), ref=true)
+    rows = compared.found.rows()
     assert [row["run"] for row in rows] == ["good", "off"]
     assert rows[0]["accuracy"]["horizontal_m"]["rms"] < 1e-4
     assert rows[1]["accuracy"]["horizontal_m"]["rms"] == pytest.approx(5.0, abs=1e-4)
-    head, good, bad, *_ = Result("comparison", found).summary().splitlines()
-    column = head.split("  ")
-    assert column[0] == "run"
-    assert good.startswith("good")
+    lines = compared.summary().splitlines()
+    head, good, bad = (next(line for line in lines if line.startswith(f"  {name} ")) for name in ("run", "good", "off"))
+    assert "2D [m]" in head
     assert "5.00" in bad
     assert "5.00" not in good
 
@@ -81,11 +79,11 @@ def test_every_solution_has_its_own_line_on_a_map_and_no_run_squeezes_the_distri
 def test_what_the_reference_does_not_know_has_no_column(driven, tmp_path):
     _, _, true = driven
     unknown = np.full_like(true.v_n, np.nan)
-    found = compare(folder(tmp_path, "run", true), ref=replace(true, v_n=unknown, rph=unknown)).found
-    head = Result("comparison", found).summary().splitlines()[0]
+    found = compare(folder(tmp_path, "run", true), ref=replace(true, v_n=unknown, rph=unknown))
+    head = next(line for line in found.summary().splitlines() if line.startswith("  run "))
     assert "head" not in head
-    assert "v m/s" not in head
-    assert "N m" in head
+    assert "v [m/s]" not in head
+    assert "N [m]" in head
 
 
 def test_a_folder_without_a_solution_is_named(driven, tmp_path):

@@ -3,20 +3,21 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
 
 import pytest
 
 from insnav.exceptions import ConfigError
-from insnav.findings import Severity
-from insnav.messages import phrase
+from insnav.findings import Code, Finding, Severity
+from insnav.messages import phrase, render, sentence
 from insnav.output.folder import RunFolder
 from insnav.quantity import Quantity
 from insnav.report.figures import blank
-from insnav.report.page import FigureSpec, Page, Section, section_tables
+from insnav.report.page import FigureSpec, Page, Section, Verdict, section_tables
 from insnav.report.save import write_page
-from insnav.report.terminal import hanging, page_text, table_text
+from insnav.report.terminal import brief_text, hanging, page_text, table_text
 from tests.report.conftest import stored
 from tests.shared import verify_folder
 
@@ -61,6 +62,29 @@ def test_a_table_that_is_too_wide_goes_on_below() -> None:
     assert max(map(len, text.splitlines())) <= 60
     assert text.count("column 0 [m]") >= 3  # every part names its rows
     assert all(f"column {i} [m]" in text for i in range(12))
+
+
+@pytest.mark.parametrize(("width", "warnings"), [(80, 0), (160, 2), (60, 3)])
+def test_a_short_report_has_whole_lines_and_counts_the_rows_left(width: int, warnings: int) -> None:
+    rows = tuple((Quantity("name", f"source {i}"), Quantity("size", 1.0 + i, "m")) for i in range(30))
+    table, last = Section("", "Sources", rows=rows, note="largest first"), ["files", "run"]
+    found = tuple(Finding.of(code) for code in (Code.BUDGET_NORMAL_GRAVITY, Code.END_OF_RUN_LEVEL, Code.BUDGET_METHODS))
+    found = tuple(replace(each, severity=Severity.WARNING) for each in found[:warnings])
+    verdict = Verdict("good", "nothing is wrong", "The error is 3 m.")
+    page = Page("A budget", ("All is at rest.",), (table, table), found, verdict=verdict)
+    lines = brief_text(page, width, last).splitlines()
+    assert len(lines) == 15
+    assert lines[-2:] == last
+    assert max(map(len, lines)) <= width
+    head = [*page.summary, verdict.sentence, verdict.rating]
+    said = [render(each).title for each in found] if warnings > 2 else [sentence(each) for each in found]
+    assert all(each in " ".join(line.strip() for line in lines) for each in (*head, *said))
+    shown = sum(line.startswith("  source ") for line in lines)
+    assert shown >= 2
+    assert phrase("terminal.more_rows", count=30 - shown) in lines[-3]
+    assert brief_text(replace(page, sections=(replace(table, rows=rows[:2]),)), width).splitlines()[-1] == (
+        "  largest first"
+    )
 
 
 def test_terminal_gets_no_escape_codes() -> None:

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
+from insnav.earth import ned_offset
 from insnav.messages import phrase
 from insnav.plain_text import plain_text
 from insnav.report.html import page_html
@@ -155,6 +156,17 @@ def test_satellites_and_dop_have_a_panel_where_the_log_has_them(navigated):
     (panel,) = [each for each in seen.page().panels if each.key == "reception"]
     (curve,) = panel.curves
     assert (curve.name, set(curve.y)) == ("satellites", {9.0})
+
+
+def test_the_map_shows_the_reference(driven, navigated):
+    _, _, true = driven
+    track = run_panels(navigated.found)[0]
+    (drawn,) = [each for each in track.behind if each.name == "reference"]
+    north, east, _ = ned_offset(true.lla, navigated.found.best.lla[0]).T
+    rows = np.unique(np.linspace(0, len(true.time) - 1, len(drawn.x)).round().astype(int))
+    np.testing.assert_allclose(np.column_stack((drawn.x, drawn.y)), np.column_stack((east, north))[rows], atol=0.01)
+    blind = replace(navigated.found, errors=None, smoothed_errors=None)
+    assert "reference" not in {each.name for each in run_panels(blind)[0].behind}
 
 
 def test_the_ideal_nis_is_one_in_the_panel_as_in_the_tables(driven, navigated):

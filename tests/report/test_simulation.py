@@ -19,7 +19,6 @@ from insnav.output.folder import RunFolder
 from insnav.report.figures import draw_drawings, drawing
 from insnav.report.simulation.page import (
     correlation_notes,
-    ensemble_lines,
     ensemble_page,
     ensemble_panels,
     failures_of,
@@ -36,6 +35,7 @@ from insnav.report.simulation.page import (
     write_recording,
     write_runs,
 )
+from insnav.report.terminal import brief_text
 from insnav.session.simulation import Motion, Plan
 from insnav.simulate import circle, corrupt_imu, gps_from_truth, imu_from_truth, reference, straight
 from insnav.simulate.montecarlo import Failure, Runs
@@ -187,7 +187,7 @@ def test_runs_leave_a_row_each_and_a_row_each_second(tmp_path):
     found = facts["ensemble"]
     assert found["failed"] == [{"run": 3, "seed": 1003, "code": "gps.no_fix"}]
     assert (found["fixes"], found["rejected"], found["resets"]) == (400, 8, 0)
-    lines = "\n".join(ensemble_lines(page, where))
+    lines = brief_text(page, None)
     (failed,) = failures_of(runs)
     assert failed.values == (("run", 3), ("seed", 1003), ("cause", NO_FIX))
     assert (failed.code, failed.severity) == (Code.SIMULATION_RUN_FAILED, Severity.WARNING)
@@ -223,7 +223,7 @@ def test_runs_without_a_fix_are_told_as_such(tmp_path):
         where, page = write_runs(folder, plan_of(TOWN), runs)
     facts = json.loads((where / "run.json").read_text())
     assert facts["ensemble"]["nees_inside_band"] == {}
-    assert any("there was no fix" in line for line in ensemble_lines(page, where))
+    assert any("there was no fix" in line for line in page.summary)
     assert not (where / "figures" / "nees.png").exists()
 
 

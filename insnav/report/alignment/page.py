@@ -16,7 +16,7 @@ from insnav.quantity import Quantity
 from insnav.report.page import DataFrame, Light, Page, Section, by_warnings, only_json, rows_frame
 from insnav.report.run.quantities import alignment_items
 from insnav.report.style import number
-from insnav.report.terminal import entry, hanging
+from insnav.report.terminal import entry
 from insnav.result import Result
 from insnav.types import Alignment
 from insnav.units import DEG
@@ -60,12 +60,6 @@ def _sentence(found: Alignment) -> str:
     (roll, pitch, heading), sd = found.rph / DEG, found.sd[2] / DEG
     known = f"heading {heading % 360.0:.2f} ± {number(sd, 2)} deg" if np.isfinite(sd) else "no heading"
     return f"Roll {roll:.3f} deg, pitch {pitch:.3f} deg, {known}."
-
-
-def text(result: Result[FineAlignment], width: int | None = None) -> str:
-    """Write an alignment for the terminal: summary and warnings."""
-    warnings = (entry("warning", each) for each in result.page().warnings)
-    return "\n".join(hanging([*result.page().summary, *warnings], width))
 
 
 def _warnings(found: FineAlignment, sd: float | None) -> Iterator[Finding]:

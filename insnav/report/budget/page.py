@@ -334,12 +334,15 @@ def page(result: Result[BudgetStudy]) -> Page:
     budget, windows = result.found.budget, result.found.windows
     wrong = warnings(budget, windows)
     taken = (*assumptions(budget), *(recorded.windows_assumptions(windows) if windows is not None else ()))
+    total = str(result.options.get("total") or "rss")
+    axes = quantities.axes_section(budget, total)
     sections = (
         *quantities.budget_sections(budget),
+        *((axes,) if total == "worst" else ()),
         quantities.estimates_section(budget),
         beside(*(drawn(each.key, each.title, (each,)) for each in budget_panels(budget, windows, _origin(result)))),
         quantities.contributions_section(budget),
-        quantities.axes_section(budget, str(result.options.get("total") or "rss")),
+        *(() if total == "worst" else (axes,)),
         quantities.positions_section(budget),
         *(_windows(windows) if windows is not None else ()),
         quantities.states_section(budget),
@@ -419,13 +422,8 @@ def summary(budget: Budget) -> tuple[str, ...]:
     """Return summary sentences beyond the verdict."""
     last = budget.chosen[-1]
     total = budget.valid.total[last]
-    part, order = shares(budget), ranked(budget)
-    largest = ", ".join(f"{budget.families[k]} {100.0 * part[k]:.0f} %" for k in order[:3] if part[k] >= 0.005)
     down = "held to the reference" if budget.hold else f"{number(total[2])} m"
-    return (
-        f"Motion: {budget.motion}. North {number(total[0])} m, east {number(total[1])} m, down: {down}. "
-        + (f"Largest: {largest} of the horizontal variance." if largest else "No source acts on the level axes."),
-    )
+    return (f"Motion: {budget.motion}. North {number(total[0])} m, east {number(total[1])} m, down: {down}.",)
 
 
 def warnings(budget: Budget, windows: RecordedBudget | None = None) -> tuple[Finding, ...]:

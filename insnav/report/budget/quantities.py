@@ -327,7 +327,7 @@ def estimates_section(budget: Budget) -> Section:
     for row in shown_times(budget):
         k = budget.chosen[row]
         cells = [
-            Quantity("time", f"{budget.time[k]:g} s", meaning="without GPS"),
+            Quantity("time", f"{budget.time[k]:g} s", meaning="after"),
             Quantity("analytic", float(horizontal(budget.analytic.total[k])), "m"),
             Quantity("covariance", float(horizontal(budget.covariance.total[k])), "m"),
         ]
@@ -336,8 +336,8 @@ def estimates_section(budget: Budget) -> Section:
             value = float(horizontal(budget.simulated.total[k]))
             cells.append(Quantity("simulated", value, "m", interval=(value / high, value / low)))
         if budget.recorded is not None:
-            cells.append(Quantity("recorded", recorded_text(budget, row), "m", meaning="recorded, RMS corrected"))
-        cells.append(Quantity("worst", float(budget.worst[k, 3]), "m", meaning="worst-case sum"))
+            cells.append(Quantity("recorded", recorded_text(budget, row), "m", meaning="recorded RMS"))
+        cells.append(Quantity("worst", float(budget.worst[k, 3]), "m", meaning="worst case"))
         rows.append(tuple(cells))
     note = "1 sd; in brackets 95 % intervals; "
     if budget.simulated is None:

@@ -9,13 +9,13 @@ import numpy as np
 
 from insnav.findings import Code, Finding, Severity, of_code
 from insnav.input.readers.reading import ReadingFacts
-from insnav.messages import At, form, moment, render, sentence, translated
+from insnav.messages import At, form, moment, phrase, render, sentence, translated
 from insnav.plain_text import plain_text
 from insnav.quantity import Quantity
 from insnav.report.page import DataFrame, Light, Page, Section, Verdict, drawn, of_table, only_json, rows_frame
 from insnav.report.panels import Clock, Curve, Panel, bars
 from insnav.report.style import BLUE, VERMILLION
-from insnav.report.terminal import hanging, page_text
+from insnav.report.terminal import brief_text, hanging, page_text
 from insnav.result import Result
 from insnav.session.check import Checked
 from insnav.steps.one_clock import SIGMAS
@@ -79,20 +79,18 @@ def _run_line(found: Checked, before: str) -> str:
     return f"{translated('run:')}  {translated(f'nothing to copy before {before}')}{known}"
 
 
-def text(result: Result[Checked], width: int | None = None) -> str:
-    """Write the report for the terminal, with problems and command last."""
-    laid_out, at = page(result), _from_start(result)
+def text(result: Result[Checked], width: int | None = None, *, brief: bool = False) -> str:
+    """Write the report for the terminal, with problems and command last; `brief`: in few lines."""
+    laid_out, at = result.page(), _from_start(result)
     left = _to_mend(result.found)[:_TO_MEND]
     mend = [f"{translated(f'mend {i}')}: {sentence(each, at=at)}" for i, each in enumerate(left, 1)]
     mend = mend or [translated("nothing to mend was found")]
-    understood = [
-        f"  {translated(name)}: {sentence(each)}" for name, facts in result.inputs.items() for each in facts.evidence
-    ]
-    lines = hanging(["", *understood, "", *mend], width)
     listed = {*result.found.problems, *(each for each in result.findings if each.timed)}
     shown = replace(laid_out, summary=(), findings=tuple(each for each in result.findings if each not in listed))
-    # the command is to be copied
-    return "\n".join([page_text(shown, width), *lines, plain_text(_run_line(result.found, "mend 1"))])
+    run = plain_text(_run_line(result.found, "mend 1"))  # to be copied
+    if brief:
+        return brief_text(shown, width, [*hanging([*mend, phrase("terminal.details")], width), run])
+    return "\n".join([page_text(shown, width, ("all", "page")), *hanging(["", *mend], width), run])
 
 
 def _from_start(result: Result[Checked]) -> At:

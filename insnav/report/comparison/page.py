@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
-from functools import reduce
 
 import numpy as np
 
@@ -12,16 +10,14 @@ from insnav.earth import ned_offset
 from insnav.errors.evaluated_run import overconfident
 from insnav.errors.metrics import Compared, Comparison, accuracy, nees
 from insnav.findings import Finding
-from insnav.messages import phrase, sentence, translated
 from insnav.output.data_files import write_table
 from insnav.output.folder import RunFolder
 from insnav.output.solution_tables import TableFormat
 from insnav.quantity import Quantity
 from insnav.report import page as room
-from insnav.report.page import DataFrame, Light, Page, Section, Verdict, by_warnings, drawn, rows_frame, section_tables
+from insnav.report.page import DataFrame, Light, Page, Section, Verdict, by_warnings, drawn, rows_frame
 from insnav.report.panels import LEAST_ERROR, Clock, Curve, Kind, Panel, Shade, Track, broken_at_gaps
 from insnav.report.style import BLUE, GREEN, ORANGE, PURPLE, SKY, VERMILLION, number
-from insnav.report.terminal import hanging, table_text
 from insnav.result import Result
 from insnav.sample_statistics import rms
 from insnav.strapdown import nearest_rows
@@ -43,10 +39,7 @@ _COLUMNS = (
     ("pitch", "pitch", "deg", "pitch_deg", "rms"),
     ("heading", "head", "deg", "heading_deg", "rms"),
 )
-_NOTE = (
-    "{n} epochs of the reference that every run covers; RMS, and of the horizontal error also 95 % and largest;",
-    "in 3 sd: share of position errors inside three stated standard deviations",
-)
+_NOTE = "in 3 sd: share of position errors inside three stated standard deviations"
 _COLOURS = (BLUE, VERMILLION, GREEN, ORANGE, PURPLE, SKY)
 
 
@@ -111,26 +104,8 @@ def frame(result: Result[Comparison]) -> DataFrame:
     return rows_frame(_row(each) for each in result.found.compared)
 
 
-def text(result: Result[Comparison], width: int | None = None) -> str:
-    """Write a comparison for the terminal: heading, one line per solution, explanation of columns, findings."""
-    found = result.found
-    (table,) = section_tables(_section(found))
-    units = {" [deg]": " °", " [": " ", "]": ""}  # 110 columns leave no space for brackets
-    headings = [reduce(lambda head, unit: head.replace(unit, units[unit]), units, name) for name in table.columns]
-    rows = [
-        (f"  {translated(solution)}" if solution == "smoothed" else run, *cells) for run, solution, *cells in table.rows
-    ]
-    columns = (headings[0], *headings[2:])
-    lines = table_text(replace(table, title="", note="", columns=columns, rows=tuple(rows)), width).splitlines()
-    count = len(found.compared[0].errors.time)
-    warned = [f"{phrase('run.warning')}: {sentence(each)}" for each in _warnings(found)]
-    notes = (translated(line.format(n=count)) for line in _NOTE)
-    below = hanging([*notes, *warned, *map(sentence, result.findings)], width)
-    return "\n".join([*(line[2:] for line in lines), *below])
-
-
 def _section(found: Comparison) -> Section:
-    return Section("runs", "Accuracy", rows=tuple(_row(each) for each in found.compared), note=_NOTE[1])
+    return Section("runs", "Accuracy, RMS", rows=tuple(_row(each) for each in found.compared), note=_NOTE)
 
 
 def _row(of: Compared) -> tuple[Quantity, ...]:

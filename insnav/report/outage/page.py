@@ -20,7 +20,6 @@ from insnav.report import page as layout
 from insnav.report.page import DataFrame, Light, Page, Section, Verdict, of_table
 from insnav.report.panels import Clock, Curve, Panel
 from insnav.report.style import BLACK, BLUE, GREY, VERMILLION, number
-from insnav.report.terminal import page_text
 from insnav.result import Result
 from insnav.sample_statistics import rms
 from insnav.types import FloatArray
@@ -61,6 +60,7 @@ def page(result: Result[OutageStudy]) -> Page:
     rows = tuple(_row(each) for each in study.growth)
     tables = [(key, each) for key in _COMPONENTS if (each := _table(key, study.growth)).rows]
     inside = sorted({round(100.0 * each.inside_at_end) for each in study.growth})
+    bounds = " to ".join(map(str, inside[:: max(len(inside) - 1, 1)]))
     lengths = ", ".join(f"{each.length:g}" for each in study.growth)
     aids = [each.code.split(".")[0].upper() for each in result.findings if each.code in (Code.NHC_USED, Code.ZUPT_USED)]
     shown = tuple(each for each in result.findings if is_shown(each) and each.severity >= Severity.WARNING)
@@ -74,8 +74,7 @@ def page(result: Result[OutageStudy]) -> Page:
     return Page(
         f"GNSS outage test: {name}, {len(study.windows)} windows",
         (
-            f"Inside 3 sd (north, east, down): {' to '.join(map(str, inside[:: max(len(inside) - 1, 1)]))} % after "
-            f"{lengths} s.",
+            *((f"Inside 3 sd (north, east, down): {bounds} % after {lengths} s.",) if bounds != "100" else ()),
             *((f"Without GPS, {' and '.join(aids)} continue{'s' * (len(aids) == 1)} to aid.",) if aids else ()),
         ),
         (
@@ -94,17 +93,6 @@ def page(result: Result[OutageStudy]) -> Page:
     )
 
 
-def judged(laid_out: Page) -> Page:
-    """Add the verdict to the sentences, for the terminal."""
-    assert laid_out.verdict is not None
-    return replace(laid_out, summary=(laid_out.verdict.rating, *laid_out.summary))
-
-
-def text(result: Result[OutageStudy], width: int | None = None) -> str:
-    """Write the report for the terminal."""
-    return page_text(judged(page(result)), width)
-
-
 def _verdict(study: OutageStudy, notes: tuple[Finding, ...]) -> Verdict:
     """Return the size of the errors in the longest outages, and whether the stated sd is reliable in all."""
     found = study.growth[-1]
@@ -112,17 +100,17 @@ def _verdict(study: OutageStudy, notes: tuple[Finding, ...]) -> Verdict:
     both = [(each, lead) for each in study.growth for lead in _MODES]
     few, length, mode = min((_inside(each, lead), each.length, lead) for each, lead in both)
     ratio, longer, larger = max((ratio, each.length, name) for each in study.growth for ratio, name in _ratios(each))
-    share = "all" if few == 1.0 else f"{100.0 * few:.0f} % or more"
-    light, words = ("good", "can be relied on") if few >= _INSIDE else ("attention", "is too small")
+    share = "all" if few == 1.0 else f"{100.0 * few:.0f} % or more of the"
+    light, words = ("good", "holds") if few >= _INSIDE else ("attention", "is too small")
     if few < _FEW_INSIDE:
         light, words = "bad", "is far too small"
     reason = f"{100.0 * few:.0f} % of the {mode}errors after {length:g} s are inside 3 sd: the stated sd {words}"
     if light == "good":
-        reason = f"after every length {share} of the errors are inside 3 sd: the stated sd {words}"
+        reason = f"{share} errors are inside 3 sd after every length: the stated sd {words}"
     if light == "good" and ratio > _LARGER:
         light = "attention"
         reason = f"after {longer:g} s the {larger} errors are {ratio:.2f} times as large as predicted; "
-        reason += f"{share} are inside 3 sd"
+        reason += f"{share.removesuffix(' of the')} are inside 3 sd"
     text = (
         f"After {found.length:g} s without GPS, the horizontal error is {number(float(found.rms[-1, i]))} m RMS."
         f"{_less_reference(found, i)} The filter predicts {number(float(found.predicted[-1, i]))} m."

@@ -301,7 +301,7 @@ def run_track(found: EvaluatedRun) -> Track:
         at, nis = run.innovations.time[known], run.innovations.nis_position[known] / 3.0
         shades.append(Shade("NIS of position, per axis [-]", nis[nearest_rows(at, time)]))
     fixes = None if gps is None else ned_offset(gps.lla, origin)[:, [1, 0]]
-    behind = _rejected(run, time, position)
+    behind = *_reference(found, origin), *_rejected(run, time, position)
     if found.backdrop is not None:
         level = np.column_stack((found.backdrop, np.full(len(found.backdrop), origin[2])))
         north, east, _ = ned_offset(level, origin).T
@@ -316,6 +316,15 @@ def _even(shade: Shade) -> bool:
     """Return whether a quantity is constant along the whole track."""
     low, high = np.nanpercentile(shade.values, (2.0, 98.0)) if np.isfinite(shade.values).any() else (0.0, 0.0)
     return bool(high < _VARIES * low or high == 0.0)
+
+
+def _reference(found: EvaluatedRun, origin: FloatArray) -> Iterator[Curve]:
+    """Draw the reference: the better solution minus its errors."""
+    for mode, errors in [*found.known_errors.items()][:1]:
+        time, track = found.solutions[mode].time, ned_offset(found.solutions[mode].lla, origin)
+        rows = np.unique(np.linspace(0, len(errors.time) - 1, MAP_POINTS).round().astype(np.int64))
+        north, east = (np.interp(errors.time, time, track[:, k]) - errors.position[:, k] for k in (0, 1))
+        yield Curve("reference", east[rows], north[rows], style.PURPLE)
 
 
 def _rejected(run: Run, time: FloatArray, position: FloatArray) -> tuple[Curve, ...]:

@@ -386,7 +386,6 @@ def ensemble_page(plan: Plan, found: Ensemble, runs: Runs) -> Page:
             ),
             entry("rejected", f"{rejected} of {positions} fixes, {resets} resets"),
             *(entry("note", sentence(each)) for each in correlation_notes(plan.gps, nees)),
-            *(entry("failed", sentence(each)) for each in failed),
         ),
         (
             *drawings,
@@ -423,11 +422,6 @@ def _verdict(plan: Plan, horizontal: FloatArray, nees: Mapping[str, float], fail
     words = "the stated sd is too small" if light == "attention" else "the stated sd holds"
     limits = f"1 if right, up to {number(chance)} by chance"
     return Verdict(light, f"normalised error squared of {name} {number(worst)}, {limits}: {words}", text)
-
-
-def ensemble_lines(page: Page, out: Path) -> list[str]:
-    """Return the terminal lines of an ensemble: summary and files."""
-    return [*page.summary, entry("files", f"{out}: runs.csv, ensemble.csv, report.html, run.json, …")]
 
 
 def failures_of(runs: Runs) -> Iterator[Finding]:

@@ -148,7 +148,7 @@ class Panel extends Drawing {
     this.logs = [[this.logX, [...figure.xaxis][0], [...figure.xgrid][0], this.x], [this.logY, [...figure.yaxis][0], [...figure.ygrid][0], this.y]]
       .filter(([log]) => log).map(([, axis, grid, range]) => ({axis, range, ticker: axis.ticker = grid.ticker = new Bokeh.FixedTicker({ticks: []})}));
     for (const [start, end] of this.spans) {
-      const box = new Bokeh.BoxAnnotation({left: start, right: end, fill_alpha: 0.16, line_color: null, level: "underlay"});
+      const box = new Bokeh.BoxAnnotation({left: start, right: end, fill_alpha: 0.3, line_color: null, level: "underlay"});
       this.paint(box, "fill_color", "#E69F00");
       figure.add_layout(box);
     }
@@ -159,6 +159,7 @@ class Panel extends Drawing {
       this.entry(name, "#D55E00");
     }
     for (const curve of this.curves) this.glyph(figure, curve);
+    if (this.spans.length && this.link) this.entry("no GPS used", "#E69F00").swatch.className = "band";
     const named = this.curves.filter(each => ["line", "dashed"].includes(each.kind) && each.text);
     named.forEach((curve, i) => { // one beside the other, so that near lines do not cover the names
       const row = Math.floor(curve.x.length * (i + 0.6) / (named.length + 0.2));
