@@ -167,6 +167,20 @@ def test_gravity_tells_any_wrong_column_in_a_city(wrong, positions):
     np.testing.assert_array_equal(found.corrections[1] @ gyro, np.eye(3))
 
 
+@pytest.mark.parametrize("sensor", ["gyro", "accel"])
+def test_each_of_the_48_signed_orders_is_found_in_a_city(sensor):
+    """Gyros: the inverse of the change. Accelerometers: its image of the gyros, which a reflection turns round."""
+    made = insnav.simulate("city", imu="industrial", gps="single", seed=11, rate=50.0)
+    imu, orders = made.imu.data, itertools.permutations(np.eye(3))
+    for order, signs in itertools.product(orders, itertools.product((1.0, -1.0), repeat=3)):
+        change = np.array(order) * np.array(signs)[:, None]
+        found = find_mounting(intervals(replace(imu, **{sensor: getattr(imu, sensor) @ change.T})), made.gps.data)
+        assert found is not None
+        reflection = float(np.linalg.det(change))
+        np.testing.assert_array_equal(found.gyros, change.T if sensor == "gyro" else reflection * change)
+        assert found.mirrored == (sensor == "accel" and reflection < 0.0)
+
+
 @pytest.mark.parametrize("profile", ["city", "motorway", "mountain_road", "aircraft_pattern", "figure_eight"])
 @pytest.mark.parametrize("positions", [False, True], ids=["velocities", "positions alone"])
 def test_right_columns_are_never_refused(profile, positions):
