@@ -12,12 +12,12 @@ import numpy as np
 import pytest
 
 import insnav
-from insnav.alignment import find_mounting
-from insnav.attitude import dcm_from_rph, wrap_pi
+from insnav.alignment import find_mounting, mounting
+from insnav.attitude import dcm_from_quat, dcm_from_rph, quat_from_rotvec, wrap_pi
 from insnav.input import read_gps, read_imu
 from insnav.input.interpret.physics import axes_matrix
 from insnav.simulate import gps_from_truth, imu_from_truth, straight
-from insnav.strapdown import intervals
+from insnav.strapdown import intervals, joined
 from insnav.types import GpsData, ImuData
 from insnav.units import DEG
 from tests.filter import drives
@@ -165,6 +165,28 @@ def test_gravity_tells_any_wrong_column_in_a_city(wrong, positions):
     assert not found.right_handed
     np.testing.assert_array_equal(found.corrections[0] @ accel, np.eye(3))
     np.testing.assert_array_equal(found.corrections[1] @ gyro, np.eye(3))
+
+
+@pytest.mark.parametrize("change", [np.eye(3), np.array([[0.0, 0.0, -1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])])
+def test_sums_give_the_increments_of_a_steady_turn(change):
+    """Rodrigues' formula, integrated once and twice in closed form; the angles are small to second order."""
+    rate, force, length, size = np.array([0.1, -0.2, 0.25]), np.array([1.0, 2.0, -9.8]), 0.96, 24
+    part, ones = length / size, np.ones((2 * size, 1))
+    imu = ImuData(part * np.arange(1, 2 * size + 1), ones * (change.T @ rate), ones * force, sampling="mean")
+    sums = mounting._Sums.of(joined([intervals(imu)]))
+    spans, some = sums.between(np.array([0.5, 1.5]) * length)
+    np.testing.assert_allclose(spans, length)
+    turned, pushed, moved = np.split((some @ mounting._increments_of(change))[0], 3)
+    np.testing.assert_allclose(turned, rate * length, atol=1e-12)
+    turn = float(np.linalg.norm(rate))
+    once, angle = np.cross(rate / turn, force), turn * length
+    twice, third = np.cross(rate / turn, once), angle - np.sin(angle)
+    velocity = force * length + (once * (1.0 - np.cos(angle)) + twice * third) / turn
+    place = once * third + twice * (0.5 * angle**2 - 1.0 + np.cos(angle))
+    place = 0.5 * force * length**2 + place / turn**2
+    half = dcm_from_quat(quat_from_rotvec(0.5 * rate * length))
+    np.testing.assert_allclose(half @ pushed, velocity, atol=0.05 * angle**2 * np.linalg.norm(velocity))
+    np.testing.assert_allclose(half @ moved, place, atol=0.05 * angle**2 * np.linalg.norm(place))
 
 
 @pytest.mark.parametrize("sensor", ["gyro", "accel"])
