@@ -7,8 +7,9 @@ position changes from a free place and velocity. The rotation between the two se
 estimate of satellite attitude", SIAM Review 7 (1965) 409; Markley, J. Astronautical Sciences 36 (1988) 245-258: by
 singular values) is the IMU attitude, from the data alone. Relative to the course over ground it is the mounting.
 
-Over half a minute, gravity shows tilts of a degree: it must turn in the body as the gyros measure. Of all orders and
-signs of the gyros, and of a reflection, some may fit every part of the drive better. Then the columns are mixed up.
+Over half a minute, gravity shows tilts of a degree: it must turn in the body as the gyros measure. Each signed order of
+the gyros, with and without a reflection, has a likelihood. All come from the same sums of products of increments.
+Columns are wrong if the likelihood ratio outweighs the prior odds: about one recording in a hundred has wrong columns.
 """
 
 from __future__ import annotations
@@ -16,22 +17,23 @@ from __future__ import annotations
 import itertools
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import cache
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from insnav.alignment.align import stationary_of
-from insnav.alignment.in_motion import SLOWEST, gives_velocities, positions_alone, velocity
+from insnav.alignment.in_motion import SLOWEST, gives_velocities, interval_of, positions_alone, velocity
 from insnav.alignment.static import summarize
 from insnav.attitude import quat_from_dcm, rph_from_quat, wrap_pi
-from insnav.earth import earth_rate_n, gravity_n, ned_offset
-from insnav.kernels.alignment import felt_windows, mean_rotation
+from insnav.earth import gravity_n, ned_offset
+from insnav.kernels.alignment import mean_rotation, window_histories
 from insnav.strapdown import Intervals, joined
 from insnav.types import FloatArray, GpsData, IntArray
 from insnav.units import DEG
 
 WINDOW = 8.0  # longer, gyro drift dominates; shorter, there are too few velocity changes [s]
-STEP = 1.0  # of GPS velocity: shorter steps are noise [s]
+STEP = 1.0  # between compared fixes: the vehicle hardly turns in it [s]
 NOISY, LONGEST = 3.0, 3.0  # factor on both per m/s of noise, and its maximum
 PLACED, LONGEST_PLACED = 2.0, 4.0  # windows of positions, factor per root of a metre; the longest show tilts
 BASE = 4.0  # for the course by positions [s]
@@ -43,36 +45,22 @@ LIVELY = 0.3  # RMS acceleration of a useful window [m/s^2]
 TURN = np.deg2rad(25.0)  # course change of a turning window
 SUDDEN = 15.0  # no vehicle accelerates more: the velocities are false [m/s^2]
 SCATTER = np.deg2rad(8.0)  # standard deviation of the yaw beyond which there is no result
-# other axes, or units, must leave less than this share of the residuals; axes also by sd of the windows
-HANDED, SURE = 0.75, 2.0
-TRIED = 24  # other axes tested with bias and delay
-ALIKE = 1.1  # similar residuals, relative to the least: among such signs the fewest changes are chosen
-FITS = 0.4  # share of unexplained accelerations that permits other units [-]
+RARE = float(np.log(100.0))  # prior log odds against each wrong column; posterior ones for a refusal
+FITS = 0.4  # largest unexplained share of the accelerations [-]
 SURE_SD = np.deg2rad(1.0)  # lower limit of the yaw sd, by slip and scale factors [rad]
-MISFIT = 0.6  # largest unexplained share of the accelerations
-Signs = tuple[int, int, int]
-SIGNS: list[Signs] = [(x, y, z) for x in (1, -1) for y in (1, -1) for z in (1, -1)]
-AS_GIVEN = SIGNS[0]
-Order = tuple[int, int, int]
-IN_ORDER: Order = (0, 1, 2)
-Axes = tuple[Signs, bool, Order]  # of gyros, with left-handed accelerometers or not
+AS_IS = np.eye(3)
 # factors that convert gyros to one unit, if one of three or all have another unit
-Units = tuple[float, ...]
-ALL_ALIKE: Units = (1.0, 1.0, 1.0)
-OTHER_UNITS: list[Units] = [
-    (x, y, z)
+OTHER_UNITS = [
+    np.array(units)
     for factor in (DEG, 1.0 / DEG)
-    for x, y, z in itertools.product((1.0, factor), repeat=3)
-    if (x, y, z) != ALL_ALIKE
+    for units in itertools.product((1.0, factor), repeat=3)
+    if units != (1.0, 1.0, 1.0)
 ]
 # No vehicle exceeds the first rate in a thousandth of its samples. Roll and pitch rates below the second may be radians
 # that were read as degrees [rad/s].
 FASTEST, HARDLY = 12.0, np.deg2rad(1.0)
-MISSED = 1.2  # factor on the residuals without one gyro: below it, that gyro may have a temporary fault
-# share of the noise difference that gyros in correct units keep; ratio of residuals from which there is no gain
+# share of the noise difference that gyros in correct units keep; ratio of misfits from which there is no gain
 NOISE_TELLS, CLOSER = 0.5, 0.99
-_ORDERS: list[Order] = [(1, 0, 2), (0, 2, 1), (1, 2, 0), (2, 0, 1), (2, 1, 0)]
-AS_IS: Axes = (AS_GIVEN, False, IN_ORDER)
 ROUNDS = 10  # of Gauss-Newton at most
 NUDGE = np.diag([1e-3, 1e-3, 1e-3, 0.02, 0.02, 0.02, 0.02])  # steps of its derivatives [rad/s], [m/s^2], [s]
 LARGEST_BIAS = 0.1  # of gyros that can be used [rad/s]
@@ -89,10 +77,14 @@ for _letters in itertools.permutations(_DIRECTIONS, 3):
         _SETS[_size < 0.0].append(("".join(_letters), _matrix))
 
 
-def _changes(matrix: FloatArray) -> int:
-    """Count changed signs, all together as one, and exchanged columns."""
-    signs, away = int(np.sum(matrix < 0.0)), int(np.sum(np.diag(matrix) == 0.0))
-    return (0, 1, 2, 1)[signs] + max(0, away - 1)
+def _changes(matrices: FloatArray) -> IntArray:
+    """Count exchanges of two columns and reversals of one, or of all, that make up matrices (n, 3, 3).
+
+    Each is a reflection: their least number is the rank without the identity (Carter, "Conjugacy classes in the Weyl
+    group", Compositio Mathematica 25 (1972) 1-59, lemma 2), in any axes.
+    """
+    without = np.linalg.matrix_rank(matrices - AS_IS), 1 + np.linalg.matrix_rank(matrices + AS_IS)
+    return np.asarray(np.minimum(*without))
 
 
 def letters_of(to_vehicle: FloatArray, *, mirrored: bool = False) -> str:
@@ -108,10 +100,9 @@ class Mounting:
     sd: float  # of the yaw of the IMU in the vehicle [rad]
     windows: int  # number of windows used
     misfit: float  # unexplained share of the accelerations [-]
-    gyro_signs: Signs  # gyro signs that fit; other than 1, 1, 1: no rotation
+    cost: float  # mean negative log-likelihood of a window
+    gyros: FloatArray  # (3, 3) from gyro columns to rates about the accelerometer axes; the identity if correct
     mirrored: bool  # the accelerometers fit only in left-handed axes
-    gyro_order: Order = IN_ORDER  # gyro column for each accelerometer axis
-    gyro_units: Units = ALL_ALIKE  # factors that convert the gyros to one unit
 
     @property
     def letters(self) -> str:
@@ -121,29 +112,33 @@ class Mounting:
     @property
     def angles(self) -> FloatArray:
         """Roll, pitch, yaw of the IMU in the vehicle, (3,) [rad]; of right-handed axes."""
-        angles = np.asarray(rph_from_quat(quat_from_dcm(self.to_vehicle)))
-        return np.asarray(wrap_pi(angles))
+        return np.asarray(wrap_pi(np.asarray(rph_from_quat(quat_from_dcm(self.to_vehicle)))))
 
     @property
     def corrections(self) -> tuple[FloatArray, FloatArray]:
         """Matrices (3, 3) with the fewest changes of columns, for accelerometers and gyros, to right-handed axes."""
-        used = np.eye(3)[list(self.gyro_order)] * np.array(self.gyro_signs)[:, None]
+        accel = np.array([each.T for _, each in _SETS[self.mirrored]])
         # a reflected vector turns the other way
-        pairs = [(each.T, (-1.0 if self.mirrored else 1.0) * each.T @ used) for _, each in _SETS[self.mirrored]]
-        return min(pairs, key=lambda pair: _changes(pair[0]) + _changes(pair[1]))
+        gyro = (-1.0 if self.mirrored else 1.0) * accel @ np.sign(self.gyros)
+        fewest = int(np.argmin(_changes(accel) + _changes(gyro)))
+        return accel[fewest], gyro[fewest]
 
     def of_columns(self, axes: FloatArray) -> Mounting:
         """Return the mounting of the columns, before their rotation by `axes` (3, 3) of signs alone."""
-        used = axes.T @ (np.eye(3)[list(self.gyro_order)] * np.array(self.gyro_signs)[:, None]) @ axes
-        x, y, z = (int(at) for at in np.abs(used).argmax(axis=1))
-        a, b, c = (1 if size > 0.0 else -1 for size in used.sum(axis=1))
-        return replace(self, to_vehicle=self.to_vehicle @ axes, gyro_order=(x, y, z), gyro_signs=(a, b, c))
+        return replace(self, to_vehicle=self.to_vehicle @ axes, gyros=axes.T @ self.gyros @ axes)
 
     @property
     def right_handed(self) -> bool:
-        """True if a rotation maps the axes to the vehicle axes, with correct gyro signs."""
-        as_given = self.gyro_signs == AS_GIVEN and self.gyro_order == IN_ORDER and self.gyro_units == ALL_ALIKE
-        return as_given and not self.mirrored
+        """True if a rotation maps the axes to the vehicle axes, with correct gyros."""
+        return bool((self.gyros == AS_IS).all()) and not self.mirrored
+
+    def gain(self, other: Mounting) -> float:
+        """Return the logarithm of the likelihood ratio to another mounting."""
+        return (other.cost - self.cost) * self.windows / OVERLAP
+
+    def odds(self, other: Mounting) -> float:
+        """Return the logarithm of the odds between wrong columns and another, usual mounting."""
+        return self.gain(other) - RARE * int(_changes(np.array(self.corrections)).sum())
 
 
 def find_mounting(parts: Intervals, gps: GpsData) -> Mounting | None:
@@ -151,110 +146,70 @@ def find_mounting(parts: Intervals, gps: GpsData) -> Mounting | None:
 
     `parts`: samples as intervals, in their original axes. `gps`: fixes with standard deviations.
     """
-    found = _find(parts, gps, placed=False) if gives_velocities(gps) else None
-    return found or _find(parts, positions_alone(gps), placed=True)
-
-
-def _find(parts: Intervals, gps: GpsData, *, placed: bool) -> Mounting | None:
-    windows = _Windows.of(parts, gps, placed=placed)
-    if windows is None:
-        return None
     rest = stationary_of(parts, gps)
-    still = np.append(summarize(parts, *rest).rate if rest is not None else np.zeros(3), np.zeros(4))
-    still_sd = np.repeat([AT_ALL if rest is None else AT_REST, FORCE_SD, DELAY_SD], [3, 3, 1])
-    parts = joined([parts])
-    tilting = _Windows.of(parts, gps, placed=placed, tilts=True) or windows
+    still = np.zeros(3) if rest is None else summarize(parts, *rest).rate
+    sd = np.repeat([AT_ALL if rest is None else AT_REST, FORCE_SD, DELAY_SD], [3, 3, 1])
+    sums = _Sums.of(parts := joined([parts]))
 
-    def changed(order: Order, units: Units) -> tuple[Intervals, FloatArray]:
-        """Return the samples with other gyros, and their prior."""
-        before = np.append((still[:3] * units)[list(order)], still[3:])
-        return replace(parts, gyro=np.ascontiguousarray((parts.gyro * units)[:, order])), before
+    def found_by(fixes: _Fixes | None) -> Mounting | None:
+        """Estimate the mounting by velocities or positions, and test the columns."""
+        if fixes is None or (windows := fixes.windows(sums, fixes.longer * WINDOW).lively()) is None:
+            return None
 
-    def refined(axes: Axes, units: Units = ALL_ALIKE) -> tuple[Mounting, FloatArray, float]:
-        """Estimate the mounting by all windows, biases and delay; return also the misfit with these."""
-        signs, mirrored, order = axes
-        other, before = changed(order, units)
-        at, sd, squares = _refined(windows, other, (before, before, still_sd), signs, mirrored=mirrored)
-        found = _fit(windows, _felt(windows, other, at, signs), signs, mirrored=mirrored)[0]
-        found = replace(found, sd=float(np.hypot(found.sd, sd)), gyro_order=order, gyro_units=units)
-        return found, at, _share(squares)
+        def refined(some: _Windows, gyros: FloatArray = AS_IS, *, mirrored: bool = False) -> Mounting:
+            return _refined(some, gyros, np.append(gyros @ still, np.zeros(4)), sd, mirrored=mirrored)
 
-    def tilted(found: Mounting, at: FloatArray) -> FloatArray:
-        """Return the squared residuals of long windows, (w,)."""
-        other, before = changed(found.gyro_order, ALL_ALIKE)
-        return _refined(tilting, other, (at, before, still_sd), found.gyro_signs, mirrored=found.mirrored)[2]
+        found = refined(windows)
+        if windows.bends >= FEWEST:
+            tilting = fixes.windows(sums, LONGEST_PLACED * WINDOW).tilting() or windows
+            first = [
+                _fit(tilting, felt, gyros, mirrored=mirrored)[0]
+                for gyros in (each for some in _SETS for _, each in some)
+                for felt in [_felt(tilting, np.append(gyros @ still, np.zeros(4)), gyros)]
+                for mirrored in (False, True)
+            ]
+            given, nearer = refined(tilting), [each for each in first if each.cost < first[0].cost]
+            others = [refined(tilting, each.gyros, mirrored=each.mirrored) for each in nearer]
+            best = max(others, key=lambda each: each.odds(given), default=given)
+            if best.odds(given) > RARE and best.misfit < FITS:
+                found = refined(windows, best.gyros, mirrored=best.mirrored)
+            else:
+                rates = parts.gyro / parts.dt[:, None]
+                found = _in_other_units(found, rates, lambda units: refined(windows, np.diag(units)))
+        return found if found.misfit < FITS and found.sd < SCATTER else None
 
-    def better(some: list[Axes]) -> list[tuple[Mounting, FloatArray]]:
-        """Select the axes with a significantly better fit than the given ones."""
-        ones = [(one, tilted(one, at)) for one, at, _ in map(refined, some)]
-        return [each for each in ones if _fits_better(each[1], given)]
-
-    found, at, left = refined(AS_IS)
-    given, at_first = tilted(found, at), dict[Axes, float]()
-    if windows.bends >= FEWEST:
-        for order in [IN_ORDER, *_ORDERS]:
-            other, before = changed(order, ALL_ALIKE)
-            for signs in SIGNS:
-                felt = _felt(tilting, other, before, signs)
-                for mirrored in (False, True):
-                    at_first[signs, mirrored, order] = _fit(tilting, felt, signs, mirrored=mirrored)[0].misfit
-        likely = sorted((each for each in at_first if each != AS_IS), key=at_first.__getitem__)[:TRIED]
-        nearer = [each for each in likely if at_first[each] < at_first[AS_IS]]
-        tried = better(nearer)
-        tried += better([each for each in likely if each not in nearer]) if tried else []
-        least = min((_share(squares) for _, squares in tried), default=0.0)
-        # an axis that hardly turns, as x on level roads, fits with any sign
-        alike = [each for each in tried if _share(each[1]) <= ALIKE * least]
-        if alike:
-            found = min(alike, key=lambda each: (sum(map(_changes, each[0].corrections)), _share(each[1])))[0]
-        else:
-            found = _in_other_units(found, left, parts.gyro / parts.dt[:, None], lambda units: refined(AS_IS, units))
-    least = MISFIT if found.windows >= OVERLAP * FEWEST else FITS  # few windows fit by chance more easily
-    return found if found.misfit < least and found.sd < SCATTER else None
+    found = found_by(_Fixes.of(sums, gps, placed=False)) if gives_velocities(gps) else None
+    return found or found_by(_Fixes.of(sums, positions_alone(gps), placed=True))
 
 
-def _share(squares: FloatArray) -> float:
-    """Return the unexplained share of the accelerations, of squared residuals of each window (w,)."""
-    return float(np.sqrt(np.mean(squares)))
-
-
-def _fits_better(other: FloatArray, given: FloatArray) -> bool:
-    """Return whether other axes surely fit better, by squared residuals (w,): in sum, and in independent windows."""
-    gain = np.log(given + 1e-12) - np.log(other + 1e-12)
-    sd = float(np.std(gain, ddof=1)) * np.sqrt(OVERLAP / gain.size)
-    return _share(other) < min(FITS, HANDED * _share(given)) and float(np.mean(gain)) > SURE * sd
-
-
-def _in_other_units(
-    found: Mounting, left: float, rates: FloatArray, refined: Callable[[Units], tuple[Mounting, FloatArray, float]]
-) -> Mounting:
+def _in_other_units(found: Mounting, rates: FloatArray, refined: Callable[[FloatArray], Mounting]) -> Mounting:
     """Test other units of the gyros; return the mounting that fits, or `found`.
 
-    `left`: residual of `found`. `rates` (n, 3): of the gyros [rad/s]. `refined`: fits other units; also residuals.
+    `rates` (n, 3): of the gyros [rad/s]. `refined`: fits other units (3,).
     """
-    fits = left <= FITS
+    fits = found.misfit <= FITS
     fastest, up = np.quantile(np.abs(rates), 0.999, axis=0), int(np.argmax(np.abs(found.to_vehicle[2])))
 
-    def small(units: Units) -> bool:
+    def small(units: FloatArray) -> bool:
         """Return whether only hardly turning gyros have a smaller unit: the original unit fits them, too."""
-        larger = np.array(units) > 1.0
-        return min(units) == 1.0 and not larger[up] and bool((fastest[larger] < HARDLY).all())
+        larger = units > 1.0
+        return units.min() == 1.0 and not larger[up] and bool((fastest[larger] < HARDLY).all())
 
     others = [units for units in OTHER_UNITS if float(np.max(fastest * units)) < FASTEST and (not fits or small(units))]
     if not others:
         return found
-    ones = [refined(units) for units in others]
-    least = min(each[2] for each in ones)
     # prefer one common unit by the course: a hardly turning gyro fits any unit
-    other = min(ones, key=lambda each: (each[2] > ALIKE * least, len({*each[0].gyro_units}), each[2]))[0]
-    better, factor = least < min(FITS, HANDED * left), np.array(other.gyro_units)
-    alike = _unlike(rates * factor) < NOISE_TELLS * _unlike(rates)
+    ones = [(refined(units), units) for units in others]
+    other, units = max(ones, key=lambda each: each[0].gain(found) - RARE * np.unique(each[1]).size)
+    better = other.misfit < FITS and other.gain(found) > RARE
+    alike = _unlike(rates * units) < NOISE_TELLS * _unlike(rates)
     if fits:
-        return other if better or (alike and least < CLOSER * left) else found
-    if np.ptp(factor) == 0.0:
+        return other if better or (alike and other.gain(found) > 0.0) else found
+    if np.ptp(units) == 0.0:
         return found
     if better and not alike:
-        better = refined(tuple(np.where(factor == factor.min(), 0.0, factor)))[2] > MISSED * least
+        # without that gyro, the fit must be worse: it may have a temporary fault
+        better = other.gain(refined(np.where(units == units.min(), 0.0, units))) > RARE
     return other if better else found
 
 
@@ -264,24 +219,16 @@ def _unlike(rates: FloatArray) -> float:
     return float(np.std(np.log(np.maximum(noise, 1e-12))))
 
 
-def _refined(
-    windows: _Windows,
-    parts: Intervals,
-    before: tuple[FloatArray, FloatArray, FloatArray],
-    signs: Signs,
-    *,
-    mirrored: bool,
-) -> tuple[FloatArray, float, FloatArray]:
-    """Estimate biases [rad/s], [m/s^2] and the delay of the samples behind the velocities [s], by Gauss-Newton.
+def _refined(windows: _Windows, gyros: FloatArray, start: FloatArray, sd: FloatArray, *, mirrored: bool) -> Mounting:
+    """Estimate also biases [rad/s], [m/s^2] and the delay of the samples behind the fixes [s], by Gauss-Newton.
 
-    `before`: first values, prior mean and standard deviation, each (7,). Returns the estimates, (7,), the yaw sd by
-    their uncertainty [rad], and the squared residuals of each window, (w,).
+    `start`, `sd` (7,): prior mean and standard deviation.
     """
 
     def fitted(at: FloatArray) -> tuple[Mounting, FloatArray]:
-        return _fit(windows, _felt(windows, parts, at, signs), signs, mirrored=mirrored)
+        return _fit(windows, _felt(windows, at, gyros), gyros, mirrored=mirrored)
 
-    at, start, sd = before
+    at = start
     found, left = fitted(at)
     for _ in range(ROUNDS):
         pushed = [fitted(at + step) for step in NUDGE]
@@ -300,20 +247,66 @@ def _refined(
         at, found, left = at + change, other, other_left
         if settled:
             break
-    squares = np.sum(left.reshape(len(windows.turned), -1) ** 2, axis=1)
-    return at, float(np.sqrt(yaw @ covariance @ yaw)), np.minimum(squares, 1.0)
+    return replace(found, sd=float(np.hypot(found.sd, np.sqrt(yaw @ covariance @ yaw))))
+
+
+@dataclass(frozen=True, slots=True)
+class _Sums:
+    """Integrals over the samples since the first: angles, velocities, positions, and products of angles with both."""
+
+    time: FloatArray  # (n,) [s]
+    table: FloatArray  # (n, 27)
+
+    @classmethod
+    def of(cls, parts: Intervals) -> _Sums:
+        change = np.hstack([parts.gyro, parts.accel])
+        middle = np.cumsum(change, axis=0) - 0.5 * change
+        time = np.append(parts.end[0] - parts.dt[0], parts.end)
+        products = middle[:, :3, None] * change[:, None]
+        rows = np.hstack([change, middle[:, 3:] * np.diff(time)[:, None], products.reshape(-1, 18)])
+        return cls(time, np.vstack([np.zeros(27), np.cumsum(rows, axis=0)]))
+
+    def between(self, times: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return lengths (m - 1,) and sums (m - 1, 36) of the intervals between times, for `_increments_of`."""
+        times = np.clip(times, self.time[0], self.time[-1])
+        at = np.minimum(np.searchsorted(self.time, times, side="right"), self.time.size - 1)
+        share = (self.time[at] - times) / (self.time[at] - self.time[at - 1])
+        table = self.table[at] + share[:, None] * (self.table[at - 1] - self.table[at])
+        length, change, start = np.diff(times), np.diff(table, axis=0), table[:-1]
+        some, way = change[:, :6], change[:, 6:9] - start[:, 3:6] * length[:, None]
+        middle = (start[:, :3] + 0.5 * some[:, :3])[:, :, None]
+        products = change[:, 9:].reshape(-1, 3, 6) - middle * some[:, None]
+        # a constant force moves it along its direction after a third of the interval, not a half
+        third = some[:, :3, None] * way[:, None] / -6.0
+        by_sensor = [each.reshape(-1, 9) for each in (products[..., :3], products[..., 3:], third)]
+        return length, np.hstack([some, way, *by_sensor])
+
+
+def _increments_of(turn: FloatArray) -> FloatArray:
+    """Return the matrix (36, 9) from sums to rotation vector, velocity and position in the axes at half the rotation.
+
+    To second order in the angles (Bortz, IEEE Trans. AES 7 (1971) 61-66), with gyros multiplied by `turn` (3, 3).
+    """
+    matrix, columns = np.zeros((36, 9)), turn.T[:, None]
+    matrix[:3, :3], matrix[3:9, 3:] = turn.T, np.eye(6)
+    matrix[9:18, :3] = 0.5 * np.cross(columns, turn.T).reshape(9, 3)
+    matrix[18:27, 3:6] = matrix[27:, 6:] = np.cross(columns, np.eye(3)).reshape(9, 3)
+    return matrix
 
 
 @dataclass(frozen=True, slots=True)
 class _Windows:
     """Spans of a drive with GPS accelerations."""
 
-    times: FloatArray  # (w, k) of fixes [s]
-    compared: FloatArray  # (w, m, k) sums over fixes: velocity changes, or position changes without steady motion
+    sums: Callable[[float], tuple[FloatArray, FloatArray]]  # `_Sums.between` fixes, for a delay of the samples [s]
+    shares: int  # intervals of these between two fixes
+    first: IntArray  # (w,) first fix
+    compared: FloatArray  # (w, m, k) sums over fixes: changes of velocity, or of position without steady motion
     change: FloatArray  # (w, m, 3) changes of GPS minus gravity, forward, right, down [m/s] or [m]
-    strength: FloatArray  # sum of squared horizontal changes
-    turned: FloatArray  # course change from start to end [rad]
-    lla: FloatArray  # of the first fix
+    strength: FloatArray  # (w,) sum of squared horizontal changes
+    noise: FloatArray  # (w,) of squared noise
+    unit: FloatArray  # (w,) of squared changes by a unit acceleration
+    turned: FloatArray  # (w,) course change from start to end [rad]
     placed: bool  # positions are compared, not velocities
 
     @property
@@ -321,83 +314,108 @@ class _Windows:
         """Number of turning windows."""
         return int((np.abs(self.turned) > TURN).sum())
 
-    def _rows(self, rows: IntArray) -> _Windows:
-        times, compared, change = self.times[rows], self.compared[rows], self.change[rows]
-        return _Windows(times, compared, change, self.strength[rows], self.turned[rows], self.lla, self.placed)
+    def rows(self, rows: IntArray) -> _Windows:
+        """Return some of the windows."""
+        names = "first", "compared", "change", "strength", "noise", "unit", "turned"
+        return replace(self, **{name: getattr(self, name)[rows] for name in names})
+
+    def lively(self) -> _Windows | None:
+        """Select the windows of largest acceleration, if there are enough."""
+        some = self.rows(np.flatnonzero(self.strength >= LIVELY**2 * self.unit))
+        if some.strength.size < FEWEST * (1 if some.bends >= OVERLAP else OVERLAP):
+            return None  # without turns, a drone may fly in any direction
+        return some.rows(np.argsort(some.strength)[-MOST:])
+
+    def tilting(self) -> _Windows | None:
+        """Return all windows if there are enough; noise counts as much as the errors."""
+        enough = self.strength.size >= OVERLAP * FEWEST
+        return replace(self, strength=np.maximum(self.strength, 0.0) + self.noise / SHARE**2) if enough else None
+
+
+@dataclass(frozen=True, slots=True)
+class _Fixes:
+    """Fixes within the samples."""
+
+    time: FloatArray  # (n,) [s]
+    v_n: FloatArray  # (n, 3) [m/s]
+    sd: FloatArray  # (n,) of it [m/s]
+    value: FloatArray  # (n, 3) positions [m] or velocities [m/s]
+    noise: FloatArray  # (n,) sd of it
+    gravity: FloatArray  # (3,) [m/s^2]
+    placed: bool
 
     @classmethod
-    def of(cls, parts: Intervals, gps: GpsData, *, placed: bool, tilts: bool = False) -> _Windows | None:
-        """Select the windows of largest acceleration, or all the longest ones for tilts, if there are enough."""
+    def of(cls, sums: _Sums, gps: GpsData, *, placed: bool) -> _Fixes | None:
+        """Return fixes about `STEP` apart, if there are enough."""
         speed, lla = velocity(gps, BASE), gps.lla[0]
         time = gps.time if placed else speed.time
-        inside = (time > parts.end[0]) & (time < parts.end[-1])
+        inside = (time > sums.time[1]) & (time < sums.time[-1])
         if inside.sum() < FEWEST * 3 or speed.time.size < 2:
             return None
         time, sd = time[inside], np.interp(time[inside], speed.time, speed.sd)
         v_n = np.column_stack([np.interp(time, speed.time, each) for each in speed.v_n.T])
         value = ned_offset(gps.lla[inside], lla) if placed else v_n
         noise = gps.position_sd[inside, :2].max(axis=1) if placed else sd
-        longer = float(np.clip(NOISY * np.median(sd), 1.0, LONGEST))
-        seconds = STEP * longer
-        if placed:
-            longer, seconds = float(np.clip(PLACED * np.sqrt(np.median(noise)), 1.0, LONGEST_PLACED)), STEP
-        if tilts:
-            longer, seconds = LONGEST_PLACED, STEP
-        step = max(1, round(seconds / max(float(np.median(np.diff(time))), 1e-3)))
+        step = max(1, round(STEP / max(interval_of(time), 1e-3)))
         time, v_n, sd, value, noise = (each[::step] for each in (time, v_n, sd, value, noise))
-        rows = max(3 + placed, round(longer * WINDOW / max(float(np.median(np.diff(time))), 1e-3)))
+        return cls(time, v_n, sd, value, noise, gravity_n(lla[0], lla[2]), placed)
+
+    @property
+    def longer(self) -> float:
+        """Factor on the length of windows, by noise."""
+        noise = float(np.median(self.noise))
+        low, most = (PLACED * np.sqrt(noise), LONGEST_PLACED) if self.placed else (NOISY * noise, LONGEST)
+        return float(np.clip(low, 1.0, most))
+
+    def windows(self, sums: _Sums, length: float) -> _Windows:
+        """Return the windows of some length [s] in motion."""
+        time, placed, interval = self.time, self.placed, max(interval_of(self.time), 1e-3)
+        rows = max(3 + placed, round(length / interval))
         first = np.arange(0, time.size - rows, rows // OVERLAP)
         some = first[:, None] + np.arange(rows + 1)
-        since, v, least = time[some] - time[first, None], v_n[some], np.maximum(SLOWEST, 5.0 * sd[first])
+        since, v, least = time[some] - time[first, None], self.v_n[some], np.maximum(SLOWEST, 5.0 * self.sd[first])
         sudden = np.max(np.abs(np.diff(v, axis=1)) / np.diff(since)[..., None], axis=(1, 2)) > SUDDEN
         fast = np.hypot(v[:, 0, 0], v[:, 0, 1]) >= least
-        use = np.flatnonzero(fast & ~sudden & (since[:, -1] <= 2.0 * longer * WINDOW))
-        some, since, v, least = some[use], since[use], v[use], least[use]
-        compared, unit = np.broadcast_to(np.diff(np.eye(rows + 1), axis=0), (use.size, rows, rows + 1)), since
-        if placed or tilts:
-            steady = np.stack([np.ones_like(since), since], axis=-1)[..., : 1 + placed]
-            compared = np.swapaxes(np.linalg.qr(steady, mode="complete")[0][..., 1 + placed :], 1, 2)
-            unit = 0.5 * since**2 if placed else since
-        unit = unit[..., None]  # effect of a unit acceleration
-        power = np.sum((compared @ value[some, :2]) ** 2, axis=(1, 2))
-        floor = np.sum(compared**2, axis=(1, 2)) * np.mean(noise[some] ** 2, axis=1)
-        power -= 2.0 * floor
+        use = np.flatnonzero(fast & ~sudden & (since[:, -1] <= 2.0 * length))
+        first, some, since, v, least = first[use], some[use], since[use], v[use], least[use]
+        steady = np.stack([np.ones_like(since), since], axis=-1)[..., : 1 + placed]
+        compared = np.swapaxes(np.linalg.qr(steady, mode="complete")[0][..., 1 + placed :], 1, 2)
+        unit = (0.5 * since**2 if placed else since)[..., None]  # effect of a unit acceleration
+        noise = np.sum(compared**2, axis=(1, 2)) * np.mean(self.noise[some] ** 2, axis=1)
+        power = np.sum((compared @ self.value[some, :2]) ** 2, axis=(1, 2)) - 2.0 * noise
         course, end = np.arctan2(v[:, 0, 1], v[:, 0, 0]), v[:, -1]
-        change = compared @ (value[some] - gravity_n(lla[0], lla[2]) * unit) @ _about_down(course)
+        change = compared @ (self.value[some] - self.gravity * unit) @ _about_down(course)
         turned = np.asarray(wrap_pi(np.arctan2(end[:, 1], end[:, 0]) - course))
         turned[np.hypot(end[:, 0], end[:, 1]) <= least] = 0.0  # the course of a stopped vehicle is noise
-        if tilts:  # noise counts as much as the errors
-            power = np.maximum(power, 0.0) + floor / SHARE**2
-        windows = cls(time[some], compared, change, power, turned, lla, placed)
-        if tilts:
-            return windows if len(turned) >= OVERLAP * FEWEST else None
-        windows = windows._rows(np.flatnonzero(power >= LIVELY**2 * np.sum((compared @ unit) ** 2, axis=(1, 2))))
-        if windows.strength.size < FEWEST * (1 if windows.bends >= OVERLAP else OVERLAP):
-            return None  # without turns, a drone may fly in any direction
-        return windows._rows(np.argsort(windows.strength)[-MOST:])
+        shares = max(1, round(interval / STEP))
+        fine = np.interp(np.arange((time.size - 1) * shares + 1) / shares, np.arange(time.size), time)
+        pushed = np.sum((compared @ unit) ** 2, axis=(1, 2))
+        found = cache(lambda delay: sums.between(fine + delay))
+        return _Windows(found, shares, first, compared, change, power, noise, pushed, turned, placed)
 
 
-def _felt(windows: _Windows, parts: Intervals, given: FloatArray, signs: Signs) -> FloatArray:
+def _felt(windows: _Windows, given: FloatArray, gyros: FloatArray) -> FloatArray:
     """Integrate specific force to the times of each window for comparison, (w, m, 3) in the axes of its start.
 
     `given` (7,): bias of gyros [rad/s] and accelerometers [m/s^2], and delay of the samples [s].
     """
-    sign, lat = np.array(signs, dtype=float), float(windows.lla[0])
-    shifted = np.clip(windows.times + given[6], parts.end[0] - parts.dt[0], parts.end[-1])
-    felt = np.empty((*shifted.shape, 3))
-    after = np.minimum(np.searchsorted(parts.end, shifted[:, -1] - 1e-6) + 1, parts.end.size)
-    ends = np.column_stack([np.searchsorted(parts.end, shifted[:, 0] + 1e-6, side="right"), after])
-    bias, w_ie_n = given[:6] * np.append(sign, np.ones(3)), earth_rate_n(lat)
-    samples = parts.end, parts.dt, parts.gyro, parts.accel
-    felt_windows(*samples, sign, bias, w_ie_n, shifted, ends, windows.placed, felt)
-    return np.asarray(windows.compared @ felt)
+    dt, sums = windows.sums(float(given[6]))
+    angle, force = given[:3], given[3:6]
+    steps = sums @ _increments_of(gyros) - dt[:, None] * np.concatenate([angle, force, np.zeros(3)])
+    turns, pushes, moves = (np.ascontiguousarray(steps[:, at : at + 3]) for at in (0, 3, 6))
+    first, count = windows.first * windows.shares, (windows.compared.shape[2] - 1) * windows.shares
+    felt = np.empty((first.size, count + 1, 3))
+    window_histories(dt, turns, pushes, first, felt)
+    if windows.placed:
+        moved = np.empty_like(felt)
+        window_histories(dt, turns, moves - 0.5 * dt[:, None] ** 2 * force, first, moved)
+        spans = dt[first[:, None] + np.arange(count)]
+        felt[:, 1:] = np.cumsum(spans[..., None] * felt[:, :-1], axis=1) + moved[:, 1:]
+    return np.asarray(windows.compared @ felt[:, :: windows.shares])
 
 
-def _fit(windows: _Windows, felt: FloatArray, signs: Signs, *, mirrored: bool) -> tuple[Mounting, FloatArray]:
-    """Fit the mean rotation (or reflection) over the windows; return the residual of each change.
-
-    `felt`: from `_felt`, with gyros of these `signs`.
-    """
+def _fit(windows: _Windows, felt: FloatArray, gyros: FloatArray, *, mirrored: bool) -> tuple[Mounting, FloatArray]:
+    """Fit the mean rotation (or reflection) over the windows, `felt` from `_felt`; return residuals of each change."""
     weight, matrices, mean = np.sqrt(windows.strength), np.empty((len(felt), 3, 3)), np.empty((3, 3))
     away = np.empty(len(felt))
     # windows in reverse or with wheel slip are de-weighted
@@ -411,7 +429,9 @@ def _fit(windows: _Windows, felt: FloatArray, signs: Signs, *, mirrored: bool) -
     left = (windows.change - felt @ np.swapaxes(turned, 1, 2)) / weight[:, None, None]
     squares = np.minimum(np.sum(left**2, axis=(1, 2)), 1.0)
     sd = max(SURE_SD, 1.25 * scatter * np.sqrt(OVERLAP / len(left)))
-    mounting = Mounting(mean, sd, len(left), float(np.sqrt(np.mean(squares))), signs, mirrored)
+    # a window's error, a vector of unknown size about `SHARE`, has a Cauchy distribution of three dimensions
+    cost, misfit = float(np.mean(2.0 * np.log1p(3.0 * squares / SHARE**2))), float(np.sqrt(np.mean(squares)))
+    mounting = Mounting(mean, sd, len(left), misfit, cost, gyros, mirrored)
     return mounting, np.clip(left, -1.0, 1.0).ravel()
 
 

@@ -100,7 +100,7 @@ def _kernels() -> tuple[tuple[tuple[Any, ...], ...], ...]:
     return (
         (
             (errorstate.propagate, *propagation),
-            (alignment.felt_windows, d1, d1, d2, d2, d1, d1, d1, d2, i[:, ::1], flag, d3),
+            (alignment.window_histories, d1, d2, d2, i1, d3),
             (alignment.gyro_history, d1, d1, d1, d2, d2, d2, d2),
             *((smoother.correct, d1, d2, d1, d2, d2), (errorstate.feed_back, d1, d1, d1)),
             (epoch.take, *3 * [d1], i1, flag),

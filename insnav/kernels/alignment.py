@@ -79,39 +79,16 @@ def joined(end, dt, gyro, accel, gap, instant, count, inside, out):  # type: ign
 
 
 @njit(cache=True)
-def felt_windows(end, dt, gyro, accel, turn, bias, w_ie_n, times, ends, twice, out):  # type: ignore[no-untyped-def]
-    """Integrate specific force once, or `twice`, from the start of each window to its times, in the axes at the start.
+def window_histories(dt, dtheta, dvel, first, out):  # type: ignore[no-untyped-def]
+    """Integrate the specific force in windows of equal length, each in the axes at its start; see `gyro_history`.
 
-    Intervals are increments. `turn` (3,): signs of the gyros. `bias` (6,) of gyros and accelerometers [rad/s], [m/s^2].
-    `times` (w, m) [s]. `ends` (w, 2): first interval of each window, and one past its last. `out` (w, m, 3) [m/s] or
-    [m].
+    `first` (w,): first interval of each window. Filled: `out` (w, k + 1, 3), the integral from zero.
     """
-    level, path = np.zeros(4), np.zeros(3)
+    level, attitude, earth = np.zeros(4), np.zeros((out.shape[1], 4)), np.zeros(3)
     level[0] = 1.0
-    for w in range(times.shape[0]):
-        first, n = ends[w, 0], ends[w, 1] - ends[w, 0]
-        span, angles, forces = np.zeros(n), np.zeros((n, 3)), np.zeros((n, 3))
-        for k in range(n):
-            span[k] = dt[first + k]
-        span[0] = min(end[first] - times[w, 0], dt[first])  # the window begins within this interval
-        for k in range(n):
-            part = span[k] / dt[first + k]
-            for i in range(3):
-                angles[k, i] = part * gyro[first + k, i] * turn[i] - bias[i] * span[k]
-                forces[k, i] = part * accel[first + k, i] - bias[3 + i] * span[k]
-        attitude, integral = np.zeros((n + 1, 4)), np.zeros((n + 1, 3))
-        gyro_history(level, w_ie_n, span, angles, forces, attitude, integral)
-        k = 0
-        path[:] = 0.0
-        for m in range(times.shape[1]):
-            while k < n - 1 and end[first + k] < times[w, m]:
-                for i in range(3):
-                    path[i] += 0.5 * span[k] * (integral[k, i] + integral[k + 1, i])
-                k += 1
-            share = min(max(1.0 - (end[first + k] - times[w, m]) / span[k], 0.0), 1.0)
-            for i in range(3):
-                here = integral[k, i] + share * (integral[k + 1, i] - integral[k, i])
-                out[w, m, i] = path[i] + 0.5 * share * span[k] * (integral[k, i] + here) if twice else here
+    for w in range(first.shape[0]):
+        rows = slice(first[w], first[w] + out.shape[1] - 1)
+        gyro_history(level, earth, dt[rows], dtheta[rows], dvel[rows], attitude, out[w])
 
 
 @njit(cache=True)

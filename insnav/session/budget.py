@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
+from functools import partial
 from typing import TypedDict
 
 from insnav.errors.budget import from_windows
@@ -96,19 +97,7 @@ def _drawn_up(
 ) -> Budget:
     """Compute a budget; add simulated runs if the errors exceed the linear model."""
     hold = max(settings.times) > LONGEST_FREE if settings.hold is None else settings.hold
-
-    def drawn_up(runs: int) -> Budget:
-        return budget(
-            spec,
-            motion,
-            settings.times,
-            runs=runs,
-            seed=settings.seed,
-            deflection=settings.deflection,
-            hold=hold,
-            known=known,
-            progress=progress,
-        )
-
-    found = drawn_up(settings.runs)
-    return found if found.linear or settings.runs else drawn_up(RUNS_BEYOND_LINEAR)
+    one = partial(budget, spec, motion, settings.times, seed=settings.seed, deflection=settings.deflection, hold=hold)
+    drawn_up = partial(one, known=known, progress=progress)
+    found = drawn_up(runs=settings.runs)
+    return found if found.linear or settings.runs else drawn_up(runs=RUNS_BEYOND_LINEAR)

@@ -14,7 +14,7 @@ import numpy as np
 from insnav import spill
 from insnav.alignment import Mounting, find_mounting
 from insnav.alignment.in_motion import positions_alone
-from insnav.alignment.mounting import ALL_ALIKE, HANDED, IN_ORDER
+from insnav.alignment.mounting import AS_IS, RARE
 from insnav.exceptions import ConfigError, InputError
 from insnav.explain.kinds import with_priors
 from insnav.filter.filter_input import FilterInput
@@ -251,7 +251,7 @@ WORDS = {"F": "forward", "B": "back", "R": "right", "L": "left", "D": "down", "U
 def refuse_unlike_gyros(imu: Reading[ImuData], fixes: GpsData) -> None:
     """Refuse gyros in another order than the accelerometers, or one gyro in another unit."""
     found = mounting_of(imu, fixes)
-    if found is not None and (found.gyro_order != IN_ORDER or found.gyro_units != ALL_ALIKE):
+    if found is not None and not np.array_equal(np.abs(found.gyros), AS_IS):
         raise refusal(found, imu.facts)
 
 
@@ -261,7 +261,7 @@ def accel_reversed(imu: Reading[ImuData], fixes: GpsData, mounting: Mounting | N
     `mounting`: mounting that explains the fixes. If None, the course decides, unless gravity shows inverted gyros.
     """
     if mounting is not None:
-        reverse = mounting.mirrored and replace(mounting, mirrored=False).right_handed
+        reverse = mounting.mirrored and np.array_equal(mounting.gyros, AS_IS)
         return Finding.of(Code.AXES_ACCEL_REVERSED, windows=mounting.windows) if reverse else None
     data = imu.data.beginning(LONGEST)
     correlation = turns_with_course(data.time, data.gyro, data.accel, fixes.time, course_of(fixes.v_n))
@@ -278,7 +278,7 @@ def refuse_exchanged(
     if gps is None or not right or np.abs(lla[:, 0]).max() >= 0.5 * np.pi:
         return
     found = mounting_of(imu, positions_alone(replace(fixes, lla=lla)))
-    if found is not None and found.right_handed and (mounting is None or found.misfit < HANDED * mounting.misfit):
+    if found is not None and found.right_handed and (mounting is None or found.gain(mounting) > RARE):
         values: dict[str, Any] = {"option": "--gps-columns", "columns": quote_columns(right), "windows": found.windows}
         gives = {"gps_columns": right}
         raise InputError("mounting.positions_exchanged", where=gps.facts.path, gives=gives, **values)
@@ -297,10 +297,11 @@ def mounting_of(imu: Reading[ImuData], fixes: GpsData) -> Mounting | None:
 def refusal(mounting: Mounting, facts: ReadingFacts) -> InputError:
     """Build the error for axes that no rotation maps to the vehicle, or for gyros of other columns."""
     where, windows = facts.path, mounting.windows
-    if mounting.gyro_units != ALL_ALIKE:
-        units = ("deg/s", "rad/s") if min(mounting.gyro_units) < 1.0 else ("rad/s", "deg/s")
-        odd = next(axis for axis in range(3) if mounting.gyro_units.count(mounting.gyro_units[axis]) == 1)
-        if mounting.gyro_units[odd] == 1.0:
+    sizes = np.abs(mounting.gyros).sum(axis=0)
+    if (sizes != 1.0).any():
+        units = ("deg/s", "rad/s") if sizes.min() < 1.0 else ("rad/s", "deg/s")
+        odd = int(np.argmin((sizes[:, None] == sizes).sum(axis=0)))
+        if sizes[odd] == 1.0:
             units = units[::-1]
         values: dict[str, Any] = {"axis": "xyz"[odd], "unit": units[0], "others": units[1]}
         return InputError("mounting.gyro_unit_odd", where=where, windows=windows, **values)
