@@ -134,7 +134,7 @@ def _kernels() -> tuple[tuple[tuple[Any, ...], ...], ...]:
         ((smoother.keep, d1, d, *3 * [d1], d2, d2), (epoch.predicted, d1, d, d1, d1, d2, d2, d2, d1, d1)),
         ((alignment.joined, d1, d1, d2, d2, d1, flag, i, i, d2),),
         ((alignment.mean_rotation, d3, d3, d1, d, d3, d2, d1),),
-        ((increments.glance, d2, d2, d1, d1), (increments.interval_ends, d1, d, d, i, d, i, i, d1, d1)),
+        ((increments.glance, d2, d2, d1, d1, d), (increments.interval_ends, d1, d, d, i, d, i, i, d1, d1)),
         ((errorstate.move_along, d2, d1), (errorstate.move_by_motion, d2, i1, d2, d1)),
         ((alignment.window_scatter, d1, d2, d2, flag, *4 * [i], d3, d2),),
         ((smoother.keep_measurement, d1, i, i, d1, d2, d2), (increments.split, d1, d1, i, i, d1, d, i1, d1, d1)),

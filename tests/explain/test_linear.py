@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.stats import multivariate_normal
 
-from insnav.kernels.linear import NO_POSITION, NO_VELOCITY, backward, cross_backward, cross_forward, forward
+from insnav.kernels.linear import NO_POSITION, NO_VELOCITY, backward, cross_backward, cross_forward, forward, gains
 
 N, EPOCHS, TAU = 32, 12, 2.5
 OFFSET, DRIFT = N - 9, N - 6
@@ -214,6 +214,18 @@ def test_smoothed_errors_of_navigation(case: Case):
     for k in range(EPOCHS):
         covariance = p_nav[k, :, :9] - p_nav[k] @ info[k] @ p_nav[k].T
         assert covariance == pytest.approx((dense.covariance - told)[k, :9, k, :9], abs=1e-8)
+
+
+@pytest.mark.parametrize("size", [1, 2, 3])
+def test_gains_of_steps(size: int):
+    random, variances = np.random.default_rng(size), np.array([0.01, 1.0, 1e6])
+    root, score = random.normal(size=(20, size, size)), random.normal(size=(20, size))
+    information, found = root @ root.swapaxes(1, 2), np.empty((3, 20))
+    gains(score, information, variances, found)
+    for row, t in zip(found, variances, strict=True):
+        whole = np.eye(size) + t * information
+        square = t * np.einsum("ki,ki->k", score, np.linalg.solve(whole, score[..., None])[..., 0])
+        assert row == pytest.approx(square - np.linalg.slogdet(whole)[1], rel=1e-8, abs=1e-10)
 
 
 def test_sums_over_states(case: Case):
