@@ -124,9 +124,7 @@ def _kernels() -> tuple[tuple[tuple[Any, ...], ...], ...]:
         (
             (linear.forward, system, measured, (d1, d2), (i1, d3), kept),
             (linear.backward, system, measured, kept, i1, d2, d3, d2, d2, d3, d1),
-            (linear.cross_forward, system, measured, kept, d3, i, d2, i),
-            (linear.cross_backward, system, measured, kept, d2, i, d2, i),
-            (linear.gains, d2, d3, d1, d2),
+            *((linear.cross, system, measured, kept, d3, i, d2, i), (linear.gains, d2, d3, d1, d2)),
         ),
         ((alignment.level_history, d1, d2, d2, d1, d, d1, d2),),
         ((output.rows_as_text, d2, d1, types.uint64[::1], types.uint8[::1]),),
