@@ -281,11 +281,11 @@ def state_detectable(record: LinearRecord, of: Pass, kinds: Sequence[Kind]) -> F
     for name, key in (("offset", "jump_m"), ("followed_drag", "drift_m_s"), ("drag", "minute_m_s")):
         kind = next(each for each in kinds if each.name == name)
         columns, ends = record.columns(kind), cost_of_end(record.interval) * (name == "drag")
-        known = columns.T @ of.information[rows] @ columns
+        known = columns.T @ of.scores[1][rows] @ columns
         if name == "drag":
             later = np.minimum(rows + length, record.time.size - 1)
             cross = np.array([record.cross(of, columns, a, length)[b] for a, b in zip(rows, later, strict=True)])
-            known = known + columns.T @ of.information[later] @ columns - cross - np.swapaxes(cross, 1, 2)
+            known = known + columns.T @ of.scores[1][later] @ columns - cross - np.swapaxes(cross, 1, 2)
         misfit = misfit_of(record, of, kind)
         least = [_least_found(each, kind, record.interval, ends, misfit) for each in known]
         value = float(np.quantile(least, NEARLY_ALL, method="lower"))  # some are infinite

@@ -36,22 +36,12 @@ class Proposal(NamedTuple):
     steps: tuple[Step, ...]
 
 
-class Scores(NamedTuple):
-    """Score and information of a kind at each epoch, and the gain of the best step there."""
-
-    score: FloatArray  # (m, d)
-    information: FloatArray  # (m, d, d)
-    gain: FloatArray  # (m,) [-]
-    variance: FloatArray  # (m,)
-
-
-def score_kind(record: LinearRecord, of: Pass, kind: Kind) -> Scores:
-    """Compute the scores of one kind at every epoch."""
-    score, information = record.project(of, kind)
+def score_kind(record: LinearRecord, of: Pass, kind: Kind) -> tuple[FloatArray, FloatArray]:
+    """Compute the gain of the best step of one kind before each epoch, and its variance, (m,)."""
     variances = kind.size**2 * SIZES
-    gain = gains_of(score, information, variances) - kind.cost(variances, record.interval)[:, None]
+    gain = gains_of(*record.project(of, kind), variances) - kind.cost(variances, record.interval)[:, None]
     gain[:, : int(SETTLES)] = -np.inf
-    return Scores(score, information, gain.max(axis=0), variances[gain.argmax(axis=0)])
+    return gain.max(axis=0), variances[gain.argmax(axis=0)]
 
 
 def gains_of(score: FloatArray, information: FloatArray, variances: FloatArray) -> FloatArray:
@@ -110,14 +100,14 @@ def propose(
         if kind.fills:
             found += _interval(record, of, kind)
             continue
-        scores = score_kind(record, of, kind)
-        row = int(scores.gain.argmax())
-        found.append(Proposal(float(scores.gain[row]), (Step(kind, row, float(scores.variance[row])),)))
+        gain_at, variance_at = score_kind(record, of, kind)
+        row = int(gain_at.argmax())
+        found.append(Proposal(float(gain_at[row]), (Step(kind, row, float(variance_at[row])),)))
         if kind.name == "offset" and any(step.kind.name in MOVING for step in known):
-            prior = float(kind.cost(scores.variance[row], record.interval)) - ends
-            found.append(Proposal(float(scores.gain[row]) + prior, (Step(RETURN, row, 0.0),)))
+            prior = float(kind.cost(variance_at[row], record.interval)) - ends
+            found.append(Proposal(float(gain_at[row]) + prior, (Step(RETURN, row, 0.0),)))
         if kind.passes:
-            pairs = _pairs(record, of, kind, scores, near or (*edges, *_tops(record, scores.gain)))
+            pairs = _pairs(record, of, kind, near or (*edges, *_tops(record, gain_at)))
             for begin, end, gain, variance in sorted(pairs, key=lambda pair: -pair[2])[:2]:
                 prior = float(kind.cost(variance, record.interval)) + ends
                 found.append(Proposal(gain - prior, (Step(kind, begin, variance, end),)))
@@ -130,19 +120,16 @@ def propose(
 def _end(record: LinearRecord, of: Pass, known: tuple[Step, ...], number: int, prior: float) -> list[Proposal]:
     """Propose the end of a known fault without an end."""
     step = known[number]
-    scores = score_kind(record, of, step.kind)
-    gain = gains_of(scores.score, scores.information, np.array([step.variance]))[0] - prior
+    gain = gains_of(*record.project(of, step.kind), np.array([step.variance]))[0] - prior
     gain[: step.begin + 1] = -np.inf
     row = int(gain.argmax())
     return [Proposal(gain[row], (*known[:number], step.moved(step.begin, row), *known[number + 1 :]))]
 
 
-def _pairs(
-    record: LinearRecord, of: Pass, kind: Kind, scores: Scores, tops: Sequence[int]
-) -> set[tuple[int, int, float, float]]:
+def _pairs(record: LinearRecord, of: Pass, kind: Kind, tops: Sequence[int]) -> set[tuple[int, int, float, float]]:
     """Find the best episode from each epoch, by alternating between its end and its begin; gain without prior."""
     columns, m, variances = record.columns(kind), record.time.size, kind.size**2 * SIZES
-    score, information, *_ = scores
+    score, information = record.project(of, kind)
     reach, prior = max(int(REACH / record.interval), 3), kind.cost(variances, record.interval)[:, None]
 
     @cache

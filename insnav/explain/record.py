@@ -127,19 +127,9 @@ class Pass:
     kept: tuple[IntArray, FloatArray, FloatArray] = field(repr=False)
 
     @cached_property
-    def _whole(self) -> tuple[FloatArray, ...]:
-        """Score and information at all epochs, by another backward pass: most passes need few epochs of them."""
-        return run_back(self.inner, np.arange(self.nav.shape[0]), self.inner[0][2].shape[1])
-
-    @property
-    def score(self) -> FloatArray:
-        """Score of a step of the state before each epoch, (m, n)."""
-        return self._whole[0]
-
-    @property
-    def information(self) -> FloatArray:
-        """Information of such a step, (m, n, n)."""
-        return self._whole[1]
+    def scores(self) -> tuple[FloatArray, ...]:
+        """Score (m, n) and information (m, n, n) of a step before each epoch. Few passes need this backward pass."""
+        return run_back(self.inner, np.arange(self.nav.shape[0]), self.inner[0][2].shape[1])[:2]
 
     def at(self, begin: int, end: int, columns: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return score (k, d) and information (k, d, d) along columns (n, d) from the begin of a fault to its end."""
@@ -151,7 +141,7 @@ class Pass:
     def nav_variance(self) -> FloatArray:
         """Variance of the smoothed error of position, velocity and attitude, (m, 9)."""
         p = self.inner[2][-1][:, :NAV]
-        told = np.einsum("mij,mij->mi", p @ self.information, p)
+        told = np.einsum("mij,mij->mi", p @ self.scores[1], p)
         return np.asarray(np.maximum(np.einsum("mii->mi", p[:, :, :NAV]) - told, 0.0))
 
     def bare(self) -> Pass:
@@ -346,7 +336,7 @@ class LinearRecord:
         columns = self.columns(kind)
         rows = np.flatnonzero(columns.any(axis=1))
         by = columns[rows]
-        return of.score[:, rows] @ by, np.asarray(by.T @ of.information[:, rows[:, None], rows] @ by)
+        return of.scores[0][:, rows] @ by, np.asarray(by.T @ of.scores[1][:, rows[:, None], rows] @ by)
 
     def columns(self, kind: Kind) -> FloatArray:
         """Build the effect of each column of a kind on the states, (n, d); (n, 0) if the record lacks the states."""
@@ -405,12 +395,8 @@ class LinearRecord:
 
         `reach`: number of later epochs, or of earlier epochs if negative. Other epochs are zero.
         """
-        m, d = self.time.size, columns.shape[1]
-        if reach > 0:
-            found = linear.cross_forward(*of.inner, of.information, at, columns, min(at + reach, m - 1))
-        else:
-            found = linear.cross_backward(*of.inner, of.information[at], at, columns, max(at + reach, 0))
-        return np.asarray(found).reshape(m, d, d)
+        last = int(np.clip(at + reach, 0, self.time.size - 1))
+        return np.asarray(linear.cross(*of.inner, of.scores[1], at, columns, last))
 
     def _with(
         self, steps: tuple[Step, ...], noise: Noise

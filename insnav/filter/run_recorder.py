@@ -260,8 +260,9 @@ def _squared(error: FloatArray) -> FloatArray:
 
 
 def _before(time: FloatArray, epochs: FloatArray) -> IntArray:
-    """Find the last epoch up to each time."""
-    return np.maximum(np.searchsorted(epochs, time + TIME_TOLERANCE, side="right") - 1, 0)
+    """Find the last epoch up to each of the times, which ascend."""
+    begun = np.bincount(np.searchsorted(time + TIME_TOLERANCE, epochs), minlength=time.size + 1)
+    return np.asarray(np.maximum(begun[: time.size].cumsum() - 1, 0))
 
 
 def _between(time: FloatArray, epochs: FloatArray, before: FloatArray, after: FloatArray) -> FloatArray:

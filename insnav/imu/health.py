@@ -126,7 +126,7 @@ def _plain(imu: ImuData, scale: FloatArray | float) -> bool:
     largest = change = np.zeros(6)
     for block in spill.blocks(imu.time.shape[0], before=2):
         # copied: broadcast arrays are read-only and would compile another kernel
-        high, step, odd = glance(imu.gyro[block], imu.accel[block], each[block].flatten(), limit)
+        high, step, odd = glance(imu.gyro[block], imu.accel[block], each[block].flatten(), limit, RETURN)
         if odd:
             return False
         largest, change = np.maximum(largest, high), np.maximum(change, step)

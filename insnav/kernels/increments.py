@@ -347,10 +347,11 @@ def increments(  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def glance(gyro, accel, scale, limit):  # type: ignore[no-untyped-def]
-    """Return largest value and change of each axis, (6,); whether two changes in a row exceed `limit` or values repeat.
+def glance(gyro, accel, scale, limit, back):  # type: ignore[no-untyped-def]
+    """Return largest value and change of each axis, (6,); whether a value jumps and returns, or repeats.
 
-    `gyro`, `accel` (n, 3) are divided by `scale` (n,) for values and changes. Repeat: the same raw value three times.
+    `gyro`, `accel` (n, 3) are divided by `scale` (n,) for values and changes. Jump: beyond `limit` (6,) both ways, with
+    a sum below the part `back` of the smaller. Repeat: the same raw value three times.
     """
     largest, change, value, step = np.zeros(6), np.zeros(6), np.zeros(6), np.zeros(6)
     before, older, odd = np.zeros(6), np.zeros(6), False
@@ -361,8 +362,10 @@ def glance(gyro, accel, scale, limit):  # type: ignore[no-untyped-def]
             here, earlier = now * inverse, step[axis]
             largest[axis] = max(largest[axis], abs(here))
             if k > 0:
-                step[axis] = abs(here - value[axis])
-                change[axis] = max(change[axis], step[axis])
-                odd |= earlier > limit[axis] < step[axis] or (k > 1 and before[axis] == now == older[axis])
+                step[axis] = here - value[axis]
+                size, least = abs(step[axis]), min(abs(step[axis]), abs(earlier))
+                change[axis] = max(change[axis], size)
+                odd |= earlier * step[axis] < 0.0 and least > limit[axis] and abs(earlier + step[axis]) < back * least
+                odd |= k > 1 and before[axis] == now == older[axis]
             value[axis], older[axis], before[axis] = here, before[axis], now
     return largest, change, odd

@@ -77,28 +77,17 @@ def inner_product(x, i, y, k, blocks):  # type: ignore[no-untyped-def]
 
 
 @inner()
-def read_transition(system, k, f, d):  # type: ignore[no-untyped-def]
-    """Read F: rows of navigation into `f`, the diagonal into `d`. Return the drift time [s]."""
+def read_transition(system, k, f, ft, d):  # type: ignore[no-untyped-def]
+    """Read F: rows of navigation into `f` and its transpose `ft`, the diagonal into `d`. Return the drift time [s]."""
     span, phi, fade, _q, _qd, cleared = system
     n = fade.shape[1]
     for i in range(NAV):
         for a in range(phi.shape[2]):
-            f[i, a] = phi[k, i, a]
+            f[i, a] = ft[a, i] = phi[k, i, a]
     for i in range(NAV, n):
-        d[i] = fade[k, i]
-    if cleared[k] & NO_POSITION:
-        d[n - 9 : n - 3] = 0.0
-    if cleared[k] & NO_VELOCITY:
-        d[n - 3 : n] = 0.0
+        over = NO_POSITION if i < n - 3 else NO_VELOCITY
+        d[i] = 0.0 if i >= n - 9 and cleared[k] & over else fade[k, i]
     return 0.0 if cleared[k] & NO_POSITION else span[k]
-
-
-@inner(forceinline=True)
-def transpose(f, ft, columns):  # type: ignore[no-untyped-def]
-    """Fill the first rows of `ft` with the first columns of `f` (9, ...)."""
-    for a in range(columns):
-        for i in range(NAV):
-            ft[a, i] = f[i, a]
 
 
 @inner(forceinline=True)
@@ -178,8 +167,7 @@ def forward(system, measured, start, jumps, out):  # type: ignore[no-untyped-def
             live -= 1
         wide = 8 * ((live + 7) // 8)
         if k > 0:
-            drift = read_transition(system, k, f, d)
-            transpose(f, ft, s)
+            drift = read_transition(system, k, f, ft, d)
             propagate(mean, mean9, 0, d, drift, ft9, of_s, moved, n)
             if live > n - 9 and drift != 0.0:
                 for i in range(n - 9, n - 6):
@@ -250,33 +238,6 @@ def forward(system, measured, start, jumps, out):  # type: ignore[no-untyped-def
     return total
 
 
-@inner(forceinline=True)
-def add_three_products(y, by, x, blocks, columns):  # type: ignore[no-untyped-def]
-    """Add three rows of `by` (3, blocks, 9) times `x` (blocks, 9, ...) to those of `y`."""
-    for a in range(blocks):
-        for c in range(0, NAV, 3):
-            a0, a1, a2 = by[0, a, c], by[0, a, c + 1], by[0, a, c + 2]
-            b0, b1, b2 = by[1, a, c], by[1, a, c + 1], by[1, a, c + 2]
-            c0, c1, c2 = by[2, a, c], by[2, a, c + 1], by[2, a, c + 2]
-            for j in range(columns):
-                x0, x1, x2 = x[a, c, j], x[a, c + 1, j], x[a, c + 2, j]
-                y[0, j] += a0 * x0 + a1 * x1 + a2 * x2
-                y[1, j] += b0 * x0 + b1 * x1 + b2 * x2
-                y[2, j] += c0 * x0 + c1 * x1 + c2 * x2
-
-
-@inner(forceinline=True)
-def add_transposed(p, i, f, t, columns):  # type: ignore[no-untyped-def]
-    """Add row `i` of f' t + t' f, for `f` and `t` (9, ...), to row `i` of `p`, for so many columns."""
-    f0, f1, f2, f3, f4, f5, f6, f7, f8 = f[0, i], f[1, i], f[2, i], f[3, i], f[4, i], f[5, i], f[6, i], f[7, i], f[8, i]
-    t0, t1, t2, t3, t4, t5, t6, t7, t8 = t[0, i], t[1, i], t[2, i], t[3, i], t[4, i], t[5, i], t[6, i], t[7, i], t[8, i]
-    for j in range(columns):
-        part = f0 * t[0, j] + f1 * t[1, j] + f2 * t[2, j] + f3 * t[3, j] + f4 * t[4, j] + f5 * t[5, j]
-        other = t0 * f[0, j] + t1 * f[1, j] + t2 * f[2, j] + t3 * f[3, j] + t4 * f[4, j] + t5 * f[5, j]
-        part += f6 * t[6, j] + f7 * t[7, j] + f8 * t[8, j]
-        p[i, j] += part + other + t6 * f[6, j] + t7 * f[7, j] + t8 * f[8, j]
-
-
 @njit(cache=True, nogil=True)
 def backward(system, measured, out, rows, r, info, u, uu, told, driven):  # type: ignore[no-untyped-def]
     """Run the adjoint smoother: effect of a step of the state at each epoch on the log likelihood.
@@ -294,10 +255,10 @@ def backward(system, measured, out, rows, r, info, u, uu, told, driven):  # type
     m, s, left, whole, n = u.shape[0], system[1].shape[2], rows.shape[0] - 1, system[2].shape[1], r.shape[1]
     assert whole <= WIDE
     wide, short, blocks = 8 * ((n + 7) // 8), 8 * ((s + 7) // 8), -(-n // NAV)
-    (p, p_by), (t, _), (f, _) = make_rows(WIDE), make_rows(NAV), make_rows(NAV)
+    (p, p_by), (t, _), (f, _), (ft, ft_by) = make_rows(WIDE), make_rows(NAV), make_rows(NAV), make_rows(WIDE)
     (score, score_by), (x, x_by), (hs, hs_by), (ks, ks_by) = make_rows(1), make_rows(3), make_rows(3), make_rows(3)
-    (of_p, of_p_by), p9, f9 = make_rows(1), p.reshape(BLOCKS, NAV, WIDE), f.reshape(1, NAV, WIDE)
-    d, seen = np.zeros(WIDE), np.empty(WIDE, np.int64)  # d of navigation stays zero
+    p9, t9, f9 = p.reshape(BLOCKS, NAV, WIDE), t.reshape(1, NAV, WIDE), f.reshape(1, NAV, WIDE)
+    by, d, seen = np.empty((1, 1, NAV)), np.zeros(WIDE), np.empty(WIDE, np.int64)  # d of navigation stays zero
     for k in range(m - 1, -1, -1):
         for first in (3, 0):
             u[k, first : first + 3] = uu[k, first : first + 3] = 0.0
@@ -312,7 +273,8 @@ def backward(system, measured, out, rows, r, info, u, uu, told, driven):  # type
             for j in range(n):
                 if hs[0, j] != 0.0 or hs[1, j] != 0.0 or hs[2, j] != 0.0:
                     seen[count], count = j, count + 1
-            add_three_products(x, ks_by, p9, blocks, wide)
+            for c in range(3):
+                add_product(x, c, ks_by, c, p9, blocks, wide)
             for c in range(2, -1, -1):
                 i = first + c
                 if variance[k, i] <= 0.0:
@@ -336,45 +298,38 @@ def backward(system, measured, out, rows, r, info, u, uu, told, driven):  # type
                 for j in range(n):
                     p[j, a] = p[a, j]
         if left >= 0 and rows[left] == k:
-            r[left], left = score[0, :n], left - 1
-            for i in range(n):
-                for j in range(n):
-                    info[left + 1, i, j] = p[i, j]
+            r[left], info[left], left = score[0, :n], p[:n, :n], left - 1
         for i in range(numbers.shape[0]):
             own = numbers[i]
             for j in range(n):
-                of_p[0, j] = p_told[k, i, j]
-            told[k, 0, i] = mean_told[k, i] + inner_product(of_p_by, 0, score_by, 0, blocks)
+                ks[0, j] = p_told[k, i, j]
+            told[k, 0, i] = mean_told[k, i] + inner_product(ks_by, 0, score_by, 0, blocks)
             told[k, 1, i], told[k, 3, i] = score[0, own], p[own, own]
-            told[k, 2, i] = inner_product(of_p_by, 0, p_by, own, blocks)
+            told[k, 2, i] = inner_product(ks_by, 0, p_by, own, blocks)
         driven[k] = 0.0
         for i in range(NAV):
             for j in range(NAV):
                 driven[k] += q[k, i, j] * (p[i, j] - score[0, i] * score[0, j])
         if k > 0:
-            drift = read_transition(system, k, f, d)
-            d[n:], drift = 0.0, 0.0 if n < whole else drift
-            propagate_back(x, 0, score, score_by, 0, d, 0.0, f9, short, n)
-            if drift != 0.0:
-                for j in range(n - 9, n - 6):
-                    x[0, j + 3] += drift * score[0, j]
+            drift = read_transition(system, k, f, ft, d) * (n == whole)
+            d[n:] = 0.0
+            propagate_back(x, 0, score, score_by, 0, d, drift, f9, short, n)
             score[0] = x[0]
             for i in range(n - 6, n - 3):
                 if drift != 0.0:
                     move_drift(p, i, i - 3, d, drift, wide)
             for i in range(NAV):  # half of the part between navigation errors, as both terms of the sum contain it
-                for j in range(short):
-                    t[i, j] = 0.0
-                add_product(t, i, p_by, i, f9, 1, short)
-                for j in range(short):
-                    t[i, j] *= 0.5
-                for j in range(NAV, n):
-                    t[i, j] = (t[i, j] if j < short else 0.0) + d[j] * p[i, j]
+                propagate_back(t, i, p, p_by, i, d, 0.0, f9, short, n)
+                for j in range(n):
+                    t[i, j] = 0.5 * (t[i, j] + d[j] * p[i, j])
             for a in range(n):
                 own, columns = d[a], 8 * ((a + 8) // 8)
                 for j in range(columns):
                     p[a, j] *= own * d[j]
-                add_transposed(p, a, f, t, columns)
+                for c in range(NAV):
+                    by[0, 0, c] = t[c, a]
+                add_product(p, a, by, 0, f9, 1, columns)
+                add_product(p, a, ft_by, a, t9, 1, columns)
             for a in range(n):
                 for j in range(a):
                     p[j, a] = p[a, j]
@@ -393,57 +348,43 @@ def combine(g, info, y):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True)
-def cross_backward(system, measured, out, info_b, b, g, first):  # type: ignore[no-untyped-def]
-    """Return cross information (m, d, d) of steps along `g` (n, d), d up to 9, at epochs `first` to `b` with `b`.
+def cross(system, measured, out, info, at, g, last):  # type: ignore[no-untyped-def]
+    """Return cross information (m, d, d) of steps along `g` (n, d), d up to 9, at one epoch and each one to `last`.
 
-    Entry a is g' L' info_b g, other epochs are zero. L is the closed-loop transition from epoch a to epoch b, both just
-    before the measurement. `info_b` (n, n): information at b.
+    Of epochs a < b it is g' L' info_b g if `at` is b, its transpose if `at` is a; `info` is from `backward`. L is the
+    closed-loop transition from a to b, both just before the measurement. Other epochs are zero.
     """
-    (n, size), d, short = g.shape, np.zeros(WIDE), system[1].shape[2]
-    (x, x_by), (y, _), (f, _) = make_rows(NAV), make_rows(NAV), make_rows(NAV)
-    (hs, _), (ks, ks_by), (of, of_by), blocks = make_rows(6), make_rows(6), make_rows(NAV), -(-n // NAV)
-    f9, cross = f.reshape(1, NAV, WIDE), np.zeros((system[0].shape[0], size, size))
-    of[:size, :n] = g.T
-    combine(g, info_b, x)
-    for k in range(b, first - 1, -1):
-        if k < b:
-            drift = read_transition(system, k + 1, f, d)
-            read_loop(measured, out, k, hs, ks)
-            for c in range(size):
-                propagate_back(y, 0, x, x_by, c, d, drift, f9, short, n)
-                x[c] = y[0]
-            for i in range(5, -1, -1):
-                close_loop(x, x_by, size, ks_by, hs, i, blocks)
-        for e, c in np.ndindex(size, size):
-            cross[k, e, c] = inner_product(of_by, e, x_by, c, blocks)
-    return cross
-
-
-@njit(cache=True, nogil=True)
-def cross_forward(system, measured, out, info, a, g, last):  # type: ignore[no-untyped-def]
-    """Return cross information (m, d, d) of steps along `g` (n, d), d up to 9, at epochs `a` to `last` with `a`.
-
-    With L as in `cross_backward` and `info` (m, n, n) from `backward`, entry b is g' info_b L g; entries of other
-    epochs are zero.
-    """
-    (n, size), d, nav = g.shape, np.zeros(WIDE), np.empty((1, 16))
+    (n, size), d, nav, way = g.shape, np.zeros(WIDE), np.zeros((1, WIDE)), 1 if last > at else -1
     (x, x_by), (y, y_by), (f, _), (ft, _) = make_rows(NAV), make_rows(NAV), make_rows(NAV), make_rows(WIDE)
-    (hs, hs_by), (ks, _), blocks = make_rows(6), make_rows(6), -(-n // NAV)
-    ft9, cross = ft.reshape(BLOCKS, NAV, WIDE), np.zeros((system[0].shape[0], size, size))
-    x[:size, :n] = g.T
-    for k in range(a, last + 1):
-        if k > a:
-            drift = read_transition(system, k, f, d)
-            transpose(f, ft, system[1].shape[2])
-            read_loop(measured, out, k - 1, hs, ks)
-            for i in range(6):
+    (hs, hs_by), (ks, ks_by), f9, ft9 = (
+        make_rows(6),
+        make_rows(6),
+        f.reshape(1, NAV, WIDE),
+        ft.reshape(BLOCKS, NAV, WIDE),
+    )
+    blocks, of_s, found = -(-n // NAV), -(-system[1].shape[2] // NAV), np.zeros((system[0].shape[0], size, size))
+    x[:size, :n] = y[:size, :n] = g.T
+    if way < 0:
+        combine(g, info[at], x)
+    for k in range(at, last + way, way):
+        if k != at:
+            drift = read_transition(system, max(k, k - way), f, ft, d)
+            read_loop(measured, out, min(k, k - way), hs, ks)
+            for i in range(6 * (way > 0)):
                 close_loop(x, x_by, size, hs_by, ks, i, blocks)
             for c in range(size):
-                propagate(x, x_by, c, d, drift, ft9, -(-system[1].shape[2] // NAV), nav, n)
-        combine(g, info[k], y)
+                if way > 0:
+                    propagate(x, x_by, c, d, drift, ft9, of_s, nav, n)
+                else:
+                    propagate_back(nav, 0, x, x_by, c, d, drift, f9, system[1].shape[2], n)
+                    x[c] = nav[0]
+            for i in range(5, 6 * (way > 0) - 1, -1):
+                close_loop(x, x_by, size, ks_by, hs, i, blocks)
+        if way > 0:
+            combine(g, info[k], y)
         for e, c in np.ndindex(size, size):
-            cross[k, e, c] = inner_product(y_by, e, x_by, c, blocks)
-    return cross
+            found[k, e, c] = inner_product(y_by, e, x_by, c, blocks)
+    return found
 
 
 @njit(cache=True, nogil=True)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.stats import multivariate_normal
 
-from insnav.kernels.linear import NO_POSITION, NO_VELOCITY, backward, cross_backward, cross_forward, forward
+from insnav.kernels.linear import NO_POSITION, NO_VELOCITY, backward, cross, forward, gains
 
 N, EPOCHS, TAU = 32, 12, 2.5
 OFFSET, DRIFT = N - 9, N - 6
@@ -171,18 +171,18 @@ def test_gain_of_two_opposite_steps(case: Case):
     r, info, *_ = smooth(case, out)
     random = np.random.default_rng(6)
     g = random.normal(size=(N, 2)) * (random.random((N, 2)) < 0.5)
-    for a in range(EPOCHS):
-        by_forward = cross_forward(case.system, case.measured, out, info, a, g, EPOCHS - 2)
+    for a in range(EPOCHS - 1):
+        by_forward = cross(case.system, case.measured, out, info, a, g, EPOCHS - 2)
         assert not by_forward[EPOCHS - 1 :].any()
         assert not by_forward[:a].any()
         for b in range(a + 1, EPOCHS - 1):
-            cross = cross_backward(case.system, case.measured, out, info[b], b, g, a)
-            assert not cross[:a].any()
-            assert not cross[b + 1 :].any()
-            assert cross[b] == pytest.approx(g.T @ info[b] @ g, abs=1e-9)
-            assert by_forward[b] == pytest.approx(cross[a].T, abs=1e-9)
+            by_backward = cross(case.system, case.measured, out, info, b, g, a)
+            assert not by_backward[:a].any()
+            assert not by_backward[b + 1 :].any()
+            assert by_backward[b] == pytest.approx(g.T @ info[b] @ g, abs=1e-9)
+            assert by_forward[b] == pytest.approx(by_backward[a].T, abs=1e-9)
             score = g.T @ (r[a] - r[b])
-            information = g.T @ info[a] @ g + g.T @ info[b] @ g - cross[a] - cross[a].T
+            information = g.T @ info[a] @ g + g.T @ info[b] @ g - by_backward[a] - by_backward[a].T
             shown = dense.h @ ((dense.effect[:, :, a] - dense.effect[:, :, b]) @ g).reshape(EPOCHS * N, 2)
             expected = deviance(dense.innovation, dense.s + TAU * shown @ shown.T)
             assert value + gain(score, information) == pytest.approx(expected, rel=1e-9)
@@ -214,6 +214,18 @@ def test_smoothed_errors_of_navigation(case: Case):
     for k in range(EPOCHS):
         covariance = p_nav[k, :, :9] - p_nav[k] @ info[k] @ p_nav[k].T
         assert covariance == pytest.approx((dense.covariance - told)[k, :9, k, :9], abs=1e-8)
+
+
+@pytest.mark.parametrize("size", [1, 2, 3])
+def test_gains_of_steps(size: int):
+    random, variances = np.random.default_rng(size), np.array([0.01, 1.0, 1e6])
+    root, score = random.normal(size=(20, size, size)), random.normal(size=(20, size))
+    information, found = root @ root.swapaxes(1, 2), np.empty((3, 20))
+    gains(score, information, variances, found)
+    for row, t in zip(found, variances, strict=True):
+        whole = np.eye(size) + t * information
+        square = t * np.einsum("ki,ki->k", score, np.linalg.solve(whole, score[..., None])[..., 0])
+        assert row == pytest.approx(square - np.linalg.slogdet(whole)[1], rel=1e-8, abs=1e-10)
 
 
 def test_sums_over_states(case: Case):

@@ -11,6 +11,7 @@ import pytest
 from insnav.exceptions import InputError
 from insnav.findings import Code, Severity
 from insnav.imu.health import inspect
+from insnav.kernels.increments import glance
 from insnav.types import ImuData
 from tests.filter import drives
 from tests.refusals import refused
@@ -241,3 +242,17 @@ def test_the_sample_after_a_gap_is_no_spike(sampling):
     found, events = inspect(cut)
     assert events == []
     assert found is cut
+
+
+def test_a_glance_finds_each_sample_that_jumps_and_returns() -> None:
+    """Beside the definition on all triples of samples: some of the blocks have such a sample."""
+    random, found, limit, back = np.random.default_rng(4), set(), np.full(6, 2.0), 0.1
+    for _ in range(40):
+        values = random.normal(size=(20, 6))
+        change = np.diff(values, axis=0)
+        before, after, least = change[:-1], change[1:], np.minimum(np.abs(change[:-1]), np.abs(change[1:]))
+        jumps = (before * after < 0.0) & (least > limit) & (np.abs(before + after) < back * least)
+        odd = glance(values[:, :3].copy(), values[:, 3:].copy(), np.ones(20), limit, back)[2]
+        assert odd == jumps.any()
+        found.add(bool(odd))
+    assert found == {False, True}
