@@ -335,6 +335,10 @@ def test_figures_of_noise_stay_near_their_prior() -> None:
     for number, most in enumerate((np.log(100.0), np.log(100.0), 3.0, 3.0, 2.0)):
         assert abs(noise.moved(50.0 * np.eye(5)[number]).figures[number]) <= most
         assert abs(noise.moved(-50.0 * np.eye(5)[number]).figures[number]) <= most
+    lost = [noise.moved(size * np.eye(5)[2]) for size in (2.9, 50.0)]  # noise of the IMU at its limit of a factor of 20
+    weights = np.ones((nominal().time.size, WEIGHTED.size))
+    fits = [Fit((), weights, each, 0.0, nominal().run((), weights, each), np.eye(5)) for each in lost]
+    assert [fit.is_lost for fit in fits] == [False, True]
 
 
 def test_faults_of_which_one_record_has_more_are_not_the_same():
