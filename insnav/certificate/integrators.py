@@ -60,7 +60,7 @@ class Steps:
     # (n,) end and length [s]
     time: FloatArray
     dt: FloatArray
-    rotation: FloatArray  # (n, 3) rotation vector of the body [rad]
+    rotation: FloatArray  # (n, 3) rotation vector of the body over each interval [rad]
     velocity: FloatArray  # (n, 3) integral of the specific force in the axes of the interval's start [m/s]
 
 

@@ -113,9 +113,9 @@ def short_windows(imu: ImuData, solution: Trajectory, sensor_errors: SensorError
 
 
 def size_at(windows: Sequence[ShortWindow], name: str, elapsed: float) -> FloatArray:
-    """Compute the horizontal size of a difference in each window at a time since its start.
+    """Compute the horizontal size of short-form minus full navigation in each window at a time since its start.
 
-    `name` {"position", "velocity", "dropped", "rest", "untilted"}. `elapsed` [s].
+    `name`: attribute of `ShortWindow`. `elapsed` [s].
     Returns: (n,): per window [m] or [m/s].
     """
     rows = [int(np.argmin(np.abs(window.elapsed - elapsed))) for window in windows]

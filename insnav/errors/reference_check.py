@@ -42,7 +42,7 @@ STEADY = 1.0  # scatter of the speed below which a clock error resembles a posit
 FAST = 2.0  # speed above which the course is used as heading [m/s]
 LEAST_TILT = 0.3 * DEG  # least scatter of roll and pitch differences that is examined [rad]
 LEAST_HEADING, LEAST_TURN, SURE = 1.0 * DEG, 5.0 * DEG, 5.0  # contradictions of heading: all, some, significance in sd
-_MOST = 0.9  # share of epochs that counts as all
+_MOST = 0.9  # a larger share of the epochs counts as all of them
 _SAME = 0.5  # relative difference of fix delay and clock error, if the delay is the main cause
 
 

@@ -35,7 +35,7 @@ CARRIER = 0.1  # position scatter beyond this is not carrier-phase quality [m]
 FLOAT, FLOAT_SD = 2, 0.3  # ambiguities not fixed: decimetres at best, whatever the reported sd [m]
 FIXED, DGPS = 1, 4  # further fix types; with satellite corrections 1.0 m CEP, same data sheet
 BY_FIX = {FIXED: (POSITION_FLOOR,) * 3, FLOAT: (FLOAT_SD, FLOAT_SD, 2.0 * FLOAT_SD), DGPS: (1.0, 1.0, 2.0)}  # [m]
-OPEN_SD = 100.0  # of an unmeasured height [m], the largest of a usable fix, or vertical velocity [m/s]: no weight
+OPEN_SD = 100.0  # of an unmeasured height [m] or vertical velocity [m/s]: the largest of a usable fix, almost no weight
 SPARSE = 2.0  # at longer intervals the velocity in between is unknown: motion dominates the scatter [s]
 LAG_WORTH = 0.03  # a smaller lag is not corrected: at 2 m/s^2 it makes 0.06 m/s, the noise of a good velocity [s]
 

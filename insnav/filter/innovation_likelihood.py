@@ -204,7 +204,7 @@ class InnovationLikelihood:
         return replace(self.prior, gyro=scaled(self.prior.gyro, "gyro"), accel=scaled(self.prior.accel, "accel"))
 
     def fixes_of(self, at: FloatArray) -> tuple[FloatArray, FloatArray, CorrelatedNoise]:
-        """Return the factors on position and velocity sd, and the time-correlated part of the errors."""
+        """Return factors on position and velocity sd, and time-correlated errors, by values `at` of `parameters`."""
         value = {p.key: float(x) for p, x in zip(self.parameters, at, strict=True)}
         level, down = (np.exp(value.get(key, 0.0)) for key in LEVELS)
         share = self.parameters[-2].most / (1.0 + np.exp(-value["gps.share"]))

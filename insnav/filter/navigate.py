@@ -93,9 +93,9 @@ def navigate_prepared(
         first = _first_pass(ready, share_of(progress, 0.0, 0.5))
         progress = share_of(progress, 0.5, 0.5)
         ready = _add_aiding(ready, first, spec)
-        ready, run = _doubt_motion(*_standing(ready, _run(ready, progress)), first)
+        ready, run = _doubt_motion(*_doubt_stops(ready, _run(ready, progress)), first)
     else:
-        ready, run = _standing(ready, _run(ready, progress))
+        ready, run = _doubt_stops(ready, _run(ready, progress))
     if run.smoothed is not None and (jumps := resets_of(run)):  # to fixes that may be false
         run = widen_by_jumps(run, jumps)
     if run.smoothed is not None and widen is not None:
@@ -133,7 +133,7 @@ def thinned(run: Run, every: float) -> Run:
 
 
 def aided(ready: FilterInput, spec: ImuSpec, progress: Callable[[float], None] | None = None) -> FilterInput:
-    """Navigate once, calibrate the aiding by the smoothed solution, and add it to the settings with findings."""
+    """Navigate once, calibrate the aiding by the smoothed solution, and return the input with it and its findings."""
     return _add_aiding(ready, _first_pass(ready, progress), spec)
 
 
@@ -177,8 +177,8 @@ def _doubt_motion(ready: FilterInput, run: Run, first: Run) -> tuple[FilterInput
     return (other, freer) if unlikely(freer, ready) < cost - CREEPS else (ready, run)
 
 
-def _standing(ready: FilterInput, run: Run) -> tuple[FilterInput, Run]:
-    """Drop stops in gaps of the fixes, or all stops, if fixes contradict them: a creeping vehicle may not shake."""
+def _doubt_stops(ready: FilterInput, run: Run) -> tuple[FilterInput, Run]:
+    """Drop stops in gaps of the fixes, or all, if fixes contradict them: a creeping vehicle may hardly vibrate."""
     aiding = ready.aiding.measurements or ()
     zupt = next((each for each in aiding if isinstance(each, ZeroVelocity)), None)
     if zupt is None or run.smoothed is None or not contradicted(run, ready):
@@ -225,7 +225,7 @@ def _axes(run: Run, ready: FilterInput) -> tuple[Finding, ...]:
 
 
 def _longest_gap(ready: FilterInput) -> float:
-    """Compute the longest time without a valid fix, including the end of the record [s]."""
+    """Compute the longest time without a valid fix, also before the first and after the last one [s]."""
     time = ready.gps.time[ready.gps.valid]
     inside = time[(time > ready.initial.time) & (time < ready.imu.time[-1])]
     return float(np.diff(inside, prepend=ready.initial.time, append=ready.imu.time[-1]).max())

@@ -47,7 +47,7 @@ FEWEST_REJECTIONS = 5  # before a reset: at low rates a second or two of multipa
 class Navigator:
     """Loosely coupled INS/GPS filter over a stream of IMU samples.
 
-    `ready`: everything but the samples. `start`: state to continue from, by default the first start; samples and fixes
+    `ready`: the recording; `feed` takes its samples. `start`: state to continue from, by default the first; data
     before its time are skipped. `marks`: rows of the fixes after which `kept` stores the whole state, to continue from.
     `record`: collects the results; by default all of them.
 

@@ -85,7 +85,7 @@ class History:
         return np.concatenate(self.blocks())
 
     def smooth(self, least_delay_sd: float = 0.0) -> SmoothedErrors:
-        """Run the backward pass over all epochs. `least_delay_sd`: lower limit of the standard deviation [s]."""
+        """Run the backward pass, which consumes the history. `least_delay_sd`: lower limit of the delay sd [s]."""
         count = (len(self._blocks) - 1) * ROWS + self._used
         n, m = self._states, STATES
         adjoint, information = np.zeros(n), np.zeros((n, n))

@@ -56,6 +56,7 @@ class _Kept(FunctionCache):
         return (*rest, closure)
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
+        """Load without the method's usual import of numba's model of numpy. It is needed only to compile."""
         found = None
         rtsys.initialize(target_context)
         try:

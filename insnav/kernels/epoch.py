@@ -176,7 +176,7 @@ def felt(estimated, rates, forces, swings, older, number, late, has_arm, stays, 
         if stays:
             motion[i] = motion[6 + i] = 0.0
     motion[24] = late
-    if late != 0.0:  # the gyro bias also rotates the velocity gained
+    if late != 0.0:  # the velocity gained since the fix was rotated with the gyro bias, about half of it on average
         half, x, y, z = 0.5 * late, motion[21], motion[22], motion[23]
         motion[21] += half * (correction[1] * z - correction[2] * y)
         motion[22] += half * (correction[2] * x - correction[0] * z)

@@ -264,18 +264,21 @@ def noise_variances(  # type: ignore[no-untyped-def]
 ):
     """Compute the variances from one noise: white noise, random walks, Gauss-Markov processes.
 
+    Steps are added backwards from each row: `h` is the error at the row by a pulse in the step, `integral` its sum (the
+    response to a random walk), and `correlated` the response to a Gauss-Markov process that begins after the step.
+
     `dt` (m,): steps [s]. `velocity`, `position` (m + 1, 3): first and second integral of the specific force, North,
     East, Down, at the edges of the steps. `given` (m, 9): rate of attitude, velocity and position errors per unit of
     the noise. `rate` (r,): Schuler rate at each row, zero for the short forms [rad/s]. `rows` (r,) int: steps after
     which the variances are stored. `white`, `drive`, `first` (p,), per process: density of its white part, density of
     its random walk, variance of its Gauss-Markov part. `fade`, `gained`, `alone` (m, p): decay of a Gauss-Markov
     process over a step, its integral, and variance of the integrated process for unit variance. `out` (r, 9):
-    variances.
+    variances of position [m^2], velocity [m^2/s^2] and attitude [rad^2].
     """
     h, moved, placed = np.empty(9), np.empty(3), np.empty(3)
     for r in range(rows.shape[0]):
         out[r] = 0.0
-        whole, later = np.zeros(9), np.zeros((white.shape[0], 9))
+        integral, correlated = np.zeros(9), np.zeros((white.shape[0], 9))
         end, since = rows[r], 0.0
         for k in range(end - 1, -1, -1):
             since += 0.5 * dt[k]
@@ -290,12 +293,12 @@ def noise_variances(  # type: ignore[no-untyped-def]
                 for i in range(9):
                     total = white[p] * dt[k] * h[i] * h[i]
                     if drive[p] > 0.0:
-                        a = whole[i] + h[i] * dt[k]
-                        total += drive[p] * dt[k] * (whole[i] * whole[i] + whole[i] * a + a * a) / 3.0
+                        a = integral[i] + h[i] * dt[k]
+                        total += drive[p] * dt[k] * (integral[i] * integral[i] + integral[i] * a + a * a) / 3.0
                     if first[p] > 0.0:
-                        total += first[p] * h[i] * (alone[k, p] * h[i] + 2.0 * gained[k, p] * later[p, i])
-                        later[p, i] = fade[k, p] * later[p, i] + gained[k, p] * h[i]
+                        total += first[p] * h[i] * (alone[k, p] * h[i] + 2.0 * gained[k, p] * correlated[p, i])
+                        correlated[p, i] = fade[k, p] * correlated[p, i] + gained[k, p] * h[i]
                     out[r, i] += total
             for i in range(9):
-                whole[i] += h[i] * dt[k]
+                integral[i] += h[i] * dt[k]
             since += 0.5 * dt[k]

@@ -337,7 +337,7 @@ def backward(system, measured, out, rows, r, info, u, uu, told, driven):  # type
 
 @inner()
 def combine(g, info, y):  # type: ignore[no-untyped-def]
-    """Fill rows of `y` with the rows of g' info, for `g` (n, d) and `info` (n, n)."""
+    """Set the first d rows of `y` to g^T info, for `g` (n, d) and `info` (n, n)."""
     n, size = g.shape
     for c in range(size):
         y[c] = 0.0

@@ -209,7 +209,7 @@ def choose_smoother(values: FloatArray, interval: float) -> Smoother:
 
     smallest = 2.0 * math.log(SLOWEST_PART / n)
     found = minimize_scalar(unlikely, bounds=(smallest, 0.0), method="bounded", options={"xatol": 1e-6})
-    # the end of an interval is only approached: take it if equal
+    # the bounded search never evaluates the bound itself: take it if its likelihood is practically equal
     bounded = unlikely(smallest) <= float(found.fun) + 1e-3
     ratio = math.exp(smallest if bounded else float(found.x))
     r = float(np.mean(power / (ratio + shape)))

@@ -39,9 +39,9 @@ def page_text(page: Page, width: int | None = None, shown: Sequence[Show] = ("al
 
 
 def brief_text(page: Page, width: int | None, last: Sequence[str] = ()) -> str:
-    """Write a report in `LINES` lines: verdict, warnings, the first tables, `last`.
+    """Write a report in about `LINES` lines: verdict, warnings, the first tables, and the lines `last`.
 
-    Long warnings are shortened to their titles, and the last table to its first rows.
+    Warnings above a third of the lines become titles, and the last table ends early. `width`: of the terminal.
     """
     found = [each for each in page.findings if each.severity >= Severity.WARNING]
     whole, titles = (

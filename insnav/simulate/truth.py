@@ -244,7 +244,7 @@ def _sensed(truth: LevelTruth, tau: FloatArray) -> tuple[Vector, Vector, Vector]
     a_east = to_east * (c * dd_lon - s * d_lat * d_lon) + (k * transverse * d_lat + d_height) * c * d_lon
     a_down = -dd_height
 
-    # Earth rate plus transport rate (eq. 2.123, 5.44) in rates of latitude and longitude, and 2 w_ie + w_en.
+    # Earth rate plus transport rate (eq. 2.123, 5.44) by the rates of latitude and longitude. Then 2 w_ie + w_en.
     turn_north, turn_east, turn_down = (earth.OMEGA_EARTH + d_lon) * c, -d_lat, -(earth.OMEGA_EARTH + d_lon) * s
     p_north, p_down = turn_north + earth.OMEGA_EARTH * c, turn_down - earth.OMEGA_EARTH * s
     g_north, g_down = gravity_of(truth.gravity, lat, height)

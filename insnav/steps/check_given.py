@@ -31,6 +31,6 @@ def check_given(recording: Recording, model: Model) -> tuple[Recording, Model, t
 
 
 def doubt_mounting(events: tuple[Finding, ...]) -> tuple[Finding, ...]:
-    """Report an assumed mounting as doubtful if the IMU contradicts the fixes, as it does in wrong axes."""
+    """Report the assumed mounting as doubtful if the IMU contradicts the fixes, as wrong axes do."""
     found = list(of_code(events, *OF_THE_IMU))
     return tuple(Finding.of(Code.MOUNTING_DOUBTED, each.begin, subject="imu", count=len(found)) for each in found[:1])

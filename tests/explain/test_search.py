@@ -95,6 +95,14 @@ def test_the_noise_of_a_span_is_that_of_the_random_walks() -> None:
     assert np.sqrt(variance[5]) == pytest.approx(speed, rel=0.2)
 
 
+def test_biases_are_driven_as_gauss_markov_processes() -> None:
+    """Of 90 deg/h and 0.25 mg with a correlation time of an hour: 2 sd^2 / T (A. Gelb, 1974, section 3.6)."""
+    span, *_, qd = nominal().system
+    sd = np.repeat([np.radians(90.0 / 3600.0), 0.25e-3 * 9.80665], 3)
+    # in motion, more noise is added to accelerometers
+    assert np.median(qd[1:, NAV : NAV + 6], axis=0) == pytest.approx(2.0 * sd**2 * np.median(span) / 3600.0, rel=1e-3)
+
+
 def test_misalignments_are_constant_states_with_their_prior() -> None:
     record = nominal()
     found = record.with_axes(prepared().imu, np.array([1e-3, 2e-3]))
@@ -327,6 +335,10 @@ def test_figures_of_noise_stay_near_their_prior() -> None:
     for number, most in enumerate((np.log(100.0), np.log(100.0), 3.0, 3.0, 2.0)):
         assert abs(noise.moved(50.0 * np.eye(5)[number]).figures[number]) <= most
         assert abs(noise.moved(-50.0 * np.eye(5)[number]).figures[number]) <= most
+    lost = [noise.moved(size * np.eye(5)[2]) for size in (2.9, 50.0)]  # noise of the IMU at its limit of a factor of 20
+    weights = np.ones((nominal().time.size, WEIGHTED.size))
+    fits = [Fit((), weights, each, 0.0, nominal().run((), weights, each), np.eye(5)) for each in lost]
+    assert [fit.is_lost for fit in fits] == [False, True]
 
 
 def test_faults_of_which_one_record_has_more_are_not_the_same():

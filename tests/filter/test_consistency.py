@@ -5,13 +5,15 @@ Bar-Shalom, Li and Kirubarajan, Estimation with Applications to Tracking and Nav
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
 from scipy.stats import chi2
 
 from insnav.earth import ned_offset
+from insnav.explain.explanation import Explanation
+from insnav.filter import FilterSettings, Navigator
 from insnav.simulate import reference
 from tests.filter import drives
 
@@ -78,3 +80,27 @@ def test_innovations_are_white(found):
     x = found.nis[:, :, 0] / 3 - 1
     lagged = np.mean(x[:, 1:] * x[:, :-1]) / np.mean(x * x)
     assert abs(lagged) < 0.05
+
+
+def test_the_mean_square_of_innovations_is_one_and_more_where_the_noise_is_understated() -> None:
+    """Six values of each of 300 fixes: its standard deviation is sqrt(2 / 1800) = 0.033."""
+    rng = np.random.default_rng(78)
+    imu, gps = drives.noisy_imu(drives.perfect_imu(), drives.MODEL, rng), drives.noisy_gps(drives.perfect_gps(), rng)
+    begin = drives.begin(drives.MODEL, rng)
+    for part, low, high in ((1.0, 0.87, 1.13), (0.7, 1.2, 2.1)):
+        fixes = replace(gps, position_sd=part * gps.position_sd, velocity_sd=part * gps.velocity_sd)
+        settings = FilterSettings(lever_b=drives.LEVER_B, gates=drives.UNFAILING)
+        navigator = Navigator(begin.initial, drives.MODEL, fixes, begin.alignment, 0.02, settings)
+        navigator.feed(imu)
+        assert low < navigator.misfit()[1] < high
+
+
+def test_ambiguous_explanations_add_their_variance_between_its_times() -> None:
+    rng = np.random.default_rng(79)
+    imu, gps = drives.noisy_imu(drives.perfect_imu(), drives.MODEL, rng), drives.noisy_gps(drives.perfect_gps(), rng)
+    run = drives.navigate(imu, gps, drives.begin(drives.MODEL, rng), drives.MODEL)
+    time, variance = run.solution.time[[0, -1]], np.array([np.arange(9.0), 3.0 * np.arange(9.0)])
+    sd = Explanation(between=(time, variance)).widen(run).solution.sd
+    added = sd**2 - run.solution.sd**2
+    middle = np.abs(run.solution.time - time.mean()).argmin()
+    np.testing.assert_allclose(added[[0, middle, -1]], np.outer([1.0, 2.0, 3.0], np.arange(9.0)), rtol=1e-2, atol=1e-9)

@@ -91,7 +91,7 @@ class ReplicaTask:
     # of the windows [s]
     length: float
     spacing: float
-    kinds: tuple[bool, ...]  # True for each kind of uncalibrated windows
+    kinds: tuple[bool, ...]  # for each kind of window: True if uncalibrated
     times: FloatArray  # (k,) of the tables [s]
 
     def __call__(self, seed: int) -> Sample:

@@ -52,7 +52,7 @@ def triad(names: tuple[str, ...], values: FloatArray) -> dict[str, FloatArray]:
 
 
 def deviations(sd: FloatArray, names: str) -> dict[str, FloatArray]:
-    """Name columns of standard deviations North, East, Down ``(n, 3)``, ``NaN`` if invalid.
+    """Split standard deviations North, East, Down ``(n, 3)`` into named columns, ``NaN`` if invalid.
 
     `names`: such as ``sd_{}_m``.
     """

@@ -231,7 +231,7 @@ def _scatter(path: FloatArray) -> float:
 
 
 def _climb(time: FloatArray, height: FloatArray, fallen: FloatArray) -> float:
-    """Find the ratio of descent to the integrated third velocity `fallen` [m]: 1, or a clear `_UP` or `_FEET`."""
+    """Return 1, or `_UP` (-1) or `_FEET` (3.28) if descent over the integral `fallen` [m] significantly shows it."""
     for span in _CLIMBS:
         start, stop = _moves(time, span, 2.0 * span)
         sums, moved = fallen[stop] - fallen[start], height[start] - height[stop]

@@ -109,7 +109,7 @@ def _section(found: Comparison) -> Section:
 
 
 def _row(of: Compared) -> tuple[Quantity, ...]:
-    """Build the row of RMS errors of a solution; the name of a smoothed solution is indented."""
+    """Build the row of errors of a solution and its share inside 3 sd."""
     errors, consistency = accuracy(of.errors) or {}, nees(of.errors)
     position = None if consistency is None else consistency["position"]
     row = [Quantity("run", of.run), Quantity("solution", of.solution)]

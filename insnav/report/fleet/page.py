@@ -86,7 +86,7 @@ def rows_of(drives: Sequence[Navigated]) -> list[Row]:
 
 
 def modified_z(values: FloatArray) -> FloatArray:
-    """Compute the distance of each value (n,) from the median, over the median deviation; NaN for few values.
+    """Compute the distance of each value (n,) from the median in robust standard deviations; zero for few values.
 
     Iglewicz and Hoaglin, How to Detect and Handle Outliers, 1993: beyond 3.5 a value is an outlier.
     """

@@ -28,7 +28,7 @@ from insnav.units import UNITS
 _INSIDE, _FEW_INSIDE = 0.95, 0.8  # shares inside 3 sd: stated sd confirmed, or roughly right
 _LARGER = 1.25  # a larger ratio of RMS to predicted error is reported, whatever the share inside 3 sd
 _MODES = ("", "smoothed ")
-_SAME = 0.98  # of an RMS error: a larger remainder without the reference is not mentioned
+_SAME = 0.98  # of an RMS error: above this share, the RMS without the variance of the reference is not mentioned
 STATISTICS = {  # of `Growth`: key and attribute
     "rms": "rms",
     "p95": "p95",
