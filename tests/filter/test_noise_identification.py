@@ -532,7 +532,7 @@ def test_the_kind_of_imu_is_that_whose_figures_the_drive_shows():
         },
     )
     for taken, other in ((worse, drives.SPEC), (drives.SPEC, worse)):
-        estimate = identify_noise(replace(prepared(imu, gps, taken, 1, laps=4), kinds=(other,)), taken)
+        estimate = identify_noise(prepared(imu, gps, taken, 1, laps=4), taken, (other,))
         assert estimate is not None
         assert estimate.seen is not None
         assert estimate.seen[0].prior is drives.SPEC
