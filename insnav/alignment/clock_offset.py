@@ -38,6 +38,7 @@ LONG = 8.0 * LEVELLING  # longer records can omit their beginning [s]
 SLOW = 0.8  # below this speed the GPS course is noise [m/s]
 MOVES = 0.1  # least RMS of turns or accelerations that shows motion [rad/s], [m/s^2]
 SHORTEST = 20.0  # least overlap of the records [s]
+SHOWN = 0.3  # correlation of turns or accelerations that proves an offset [-]
 SHARE = 0.3  # and least share of the shorter record
 MEMORY = 2.0  # turns and accelerations decorrelate over this time, unless their interval is longer [s]
 SURE = 15.0  # log-likelihood beyond chance, among all lags
@@ -78,6 +79,11 @@ class ClockOffset:
     turns: float  # correlation of turn rates at this offset [-]
     accelerations: float  # correlation of horizontal accelerations [-]
     overlap: float  # of the records with this offset [s]
+
+    @property
+    def is_shown(self) -> bool:
+        """Return whether turns or accelerations prove the offset."""
+        return max(abs(self.turns), self.accelerations) > SHOWN
 
 
 @dataclass(frozen=True, slots=True)

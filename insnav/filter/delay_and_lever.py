@@ -333,23 +333,20 @@ def _with_lag(
     return at, covariance, float(gain + 0.5 * np.log(min(covariance[1, 1] / LAG_SD**2, 1.0)))
 
 
-def on_time(
-    prepared: Callable[[float, float], FilterInput], receiver: Receiver, at_first: tuple[float, float] = (0.0, 0.0)
-) -> FilterInput:
+def on_time(prepared: Callable[[float, float], FilterInput], receiver: Receiver) -> FilterInput:
     """Prepare a recording with its samples shifted to the time of the fixes, if the delay is significant.
 
     The search also estimates the vibration lever arm and the attitude of a start in motion. `prepared`: function of the
     clock shift at the start [s] and its rate [s/s]. `receiver`: a specified delay is not estimated.
-    `at_first`: where the search begins.
     """
-    ready = prepared(*at_first)
-    clock, rate = own = at_first
+    ready = prepared(0.0, 0.0)
+    clock, rate = own = 0.0, 0.0
     if receiver.delay.sd <= 0.0 and receiver.lever_arm.sd <= 0.0 and not receiver.lever_arm.value.any():
         return ready
     seen = filtered(ready)
     lag = ready.receiver.lag
     further, width, lags = seen, receiver.delay.sd, (lag.value, 0.0, lag.moments)
-    before, last, least_delay_sd, shown = (ready, seen, at_first), 0.0, 0.0, 0.0
+    before, last, least_delay_sd, shown = (ready, seen, own), 0.0, 0.0, 0.0
     half = 0.5 * min(float(np.ptp(ready.imu.time)), LONGEST)  # half of the used part of the record [s]
     alone = velocity_lag(ready.gps) if receiver.delay.sd > 0.0 else (0.0, np.inf)
     tried, misfit, cost = before, np.nan, np.nan

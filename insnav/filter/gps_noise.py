@@ -13,11 +13,13 @@ from typing import Self
 import numpy as np
 
 from insnav import spill
+from insnav.alignment.clock_offset import ClockOffset, Unlike, find_clock_offset
 from insnav.earth import ned_offset
 from insnav.filter.gates import Gates, aside
 from insnav.findings import Code, Finding
 from insnav.kernels.earth import A
 from insnav.spline import Spline, positive_parts
+from insnav.strapdown import Intervals
 from insnav.types import BoolArray, FloatArray, GpsData
 from insnav.units import DEG
 
@@ -103,6 +105,18 @@ def velocity_lag(gps: GpsData) -> tuple[float, float]:
         if abs(correction) < 1e-5:
             break
     return lag, sd
+
+
+def clock_offset(parts: Intervals, fixes: GpsData, *, worth: float = 0.0) -> ClockOffset | Unlike | None:
+    """Estimate the IMU clock's lag behind the positions, or find that no clock explains them; None if unknown.
+
+    `parts`: samples as intervals. `fixes`: with standard deviations. `worth`: smaller offsets may give None [s].
+    """
+    found = find_clock_offset(parts, fixes, worth=worth)
+    if not isinstance(found, ClockOffset):
+        return found
+    lag, sd = velocity_lag(fixes)
+    return replace(found, offset=found.offset - lag) if abs(lag) > max(LAG_WORTH, 5.0 * sd) else found
 
 
 def _scatter(

@@ -17,7 +17,7 @@ from insnav.errors.evaluated_run import failure, same_positions
 from insnav.exceptions import DivergenceError, InputError, InsnavError
 from insnav.filter.agreement import FixFigures, look_at_fixes
 from insnav.filter.delay_and_lever import looked
-from insnav.filter.gps_noise import with_sd
+from insnav.filter.gps_noise import clock_offset, with_sd
 from insnav.findings import Code, Finding, of_code
 from insnav.imu.health import inspect
 from insnav.imu.inspection import JOLT, ImuFigures, inspect_samples
@@ -30,10 +30,8 @@ from insnav.result import Result
 from insnav.session.drive import Drive, drive_of
 from insnav.session.read import NamedInputs, by_name, read
 from insnav.steps import Recording
-from insnav.steps.given import options_of
-from insnav.steps.imu_noise import stationary_part
+from insnav.steps.given import options_of, stationary_part
 from insnav.steps.inputs import INPUTS, Inputs
-from insnav.steps.one_clock import clock_offset, is_shown
 from insnav.strapdown import intervals, joined
 from insnav.types import BoolArray, GpsData, ImuData, Run
 from insnav.units import G0
@@ -280,7 +278,7 @@ def _examined(found: Checked, data: Recording, drive: Drive | None, patient: _Pa
     if together and drive is not None and fixes is not None and data.gps is not None:
         parts = intervals(imu.beginning(BEGIN))
         offset = clock_offset(joined([parts]), fixes)
-        shown = offset if isinstance(offset, ClockOffset) and is_shown(offset) else None
+        shown = offset if isinstance(offset, ClockOffset) and offset.is_shown else None
         found = replace(found, offset=shown, mounting=find_mounting(parts, fixes))
     if drive is not None and drive.fixes is not None:
         found = replace(found, run=_run(drive, patient))

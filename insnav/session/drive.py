@@ -285,7 +285,7 @@ class Drive:
         point = vector("point", point)
 
         output = Output(dense(output_interval), smooth, epochs, point)
-        done = self.until("evaluate", Task(states, aiding, output, progress))
+        done = self.until(STEPS[-1], Task(states, aiding, output, progress))
         ready, found = done.ready, done.evaluated
         if mechanization == "short":
             from insnav.errors.evaluated_run import short_windows
@@ -360,7 +360,7 @@ class Drive:
         lengths = [float(length) for length in np.ravel(lengths)]
         share = 0.4  # share of the run in the work
         task = Task(aiding="off" if aiding == "off" else "on", progress=share_of(progress, 0.0, share))
-        done = self.until("evaluate", task)
+        done = self.until(STEPS[-1], task)
         ready, run, notes = done.ready, done.evaluated, done.findings
         reference = None if self.reference is None else partial(self._antenna_positions, self.reference)
         announce("simulating outages")

@@ -110,7 +110,6 @@ class Model:
     imu: tuple[ImuSpec, Finding] | None = None  # error specification, and how it was chosen
     # of the IMU in the vehicle, to the right [rad]; the source states the origin of the vehicle axes
     mounting_yaw: Estimate = field(default=Estimate(0.0, 0.0, "given"))
-    clock: tuple[float, float] = (0.0, 0.0)  # start of the clock search: offset [s], rate [s/s]
     task: Task = field(default_factory=Task)
     ready: FilterInput | None = None  # the filter at its start
     explanation: Explanation | None = None  # faults of the recording

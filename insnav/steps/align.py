@@ -57,10 +57,8 @@ def with_right_delay(
 
 def _on_time(recording: Recording, model: Model, heading: float | None) -> FilterInput:
     if as_given(recording.inputs):
-        return set_up_filter(recording, model, *model.clock, heading)
-    return on_time(
-        lambda clock, rate: set_up_filter(recording, model, clock, rate, heading), model.receiver, at_first=model.clock
-    )
+        return set_up_filter(recording, model, heading=heading)
+    return on_time(lambda clock, rate: set_up_filter(recording, model, clock, rate, heading), model.receiver)
 
 
 def _without_position(recording: Recording) -> ConfigError:

@@ -12,14 +12,14 @@ from typing import Any
 import numpy as np
 
 from insnav import spill
-from insnav.alignment import Mounting, find_mounting
+from insnav.alignment import Mounting, find_mounting, find_stationary
 from insnav.alignment.in_motion import positions_alone
 from insnav.alignment.mounting import AS_IS, RARE
 from insnav.exceptions import ConfigError, InputError
 from insnav.explain.kinds import with_priors
 from insnav.filter.filter_input import FilterInput
 from insnav.filter.innovation_likelihood import LONGEST
-from insnav.filter.prepare import GivenStart, Start, prepare
+from insnav.filter.prepare import GivenStart, Start, first_stationary, prepare
 from insnav.filter.receiver import DELAY_SD, LEVER_SD, Delay, LeverArm, Receiver
 from insnav.findings import Code, Finding
 from insnav.imu import load_imu
@@ -243,6 +243,14 @@ def set_up_filter(
     logs = tuple(replace(log.data, time=moved(log.data.time)) for log in recording.logs.values())
     clock += 0.5 * rate * (end - begin)
     return replace(ready, aiding=replace(ready.aiding, logs=logs), clock=clock, rate=rate)
+
+
+def stationary_part(imu: ImuData, fixes: GpsData | None, inputs: Inputs) -> tuple[float, float] | None:
+    """Return the specified stationary interval, else the first one by IMU and GPS, or by the IMU alone [s]."""
+    span = inputs.get("static")
+    if span is not None:
+        return span
+    return find_stationary(intervals(imu)) if fixes is None else first_stationary(imu, fixes)
 
 
 WORDS = {"F": "forward", "B": "back", "R": "right", "L": "left", "D": "down", "U": "up"}

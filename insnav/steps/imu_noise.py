@@ -7,17 +7,13 @@ from typing import Any
 
 import numpy as np
 
-from insnav.alignment import find_stationary
-from insnav.filter.prepare import first_stationary
 from insnav.findings import Code, Finding
 from insnav.imu import load_imu
 from insnav.imu.noise_density import mean_rate, nearest_preset, raise_to_rest, rate_excess, white_noise
 from insnav.imu.specification import ImuSpec
 from insnav.steps import Model, Recording
-from insnav.steps.given import as_given
-from insnav.steps.inputs import Inputs
-from insnav.strapdown import intervals
-from insnav.types import GpsData, ImuData
+from insnav.steps.given import as_given, stationary_part
+from insnav.types import ImuData
 
 SHORTEST_REST = 5.0  # shorter intervals do not determine the noise of an IMU [s]
 DENSITY_SD = 0.18  # relative sd of a density from so short a rest; see `insnav.imu.noise_density.white_noise` [-]
@@ -63,11 +59,3 @@ def imu_from_rest(imu: ImuData, rest: tuple[float, float] | None) -> tuple[ImuSp
     spec, _ = nearest_preset(gyro, accel, *mean_rate(imu, *rest))
     noise: dict[str, Any] = {"gyro_noise_rad_sqrt_s": float(gyro.max()), "accel_noise_m_s_sqrt_s": float(accel.max())}
     return spec, Finding.of(Code.IMU_MODEL_FROM_REST, *rest, **noise, preset=spec.name)
-
-
-def stationary_part(imu: ImuData, fixes: GpsData | None, inputs: Inputs) -> tuple[float, float] | None:
-    """Return the specified stationary interval, else the first one by IMU and GPS, or by the IMU alone [s]."""
-    span = inputs.get("static")
-    if span is not None:
-        return span
-    return find_stationary(intervals(imu)) if fixes is None else first_stationary(imu, fixes)

@@ -12,9 +12,9 @@ from typing import Any
 import numpy as np
 
 from insnav import spill
-from insnav.alignment.clock_offset import ClockOffset, Unlike, find_clock_offset, likeness, turn_scale
+from insnav.alignment.clock_offset import SHOWN, ClockOffset, Unlike, likeness, turn_scale
 from insnav.exceptions import InputError
-from insnav.filter.gps_noise import LAG_WORTH, velocity_lag
+from insnav.filter.gps_noise import clock_offset
 from insnav.findings import Code, Finding
 from insnav.input import Reading, check_overlap
 from insnav.input.interpret.overlap import epoch_offset, named_offset, overlap
@@ -30,7 +30,6 @@ SURE, FACTOR = 0.7, 1.5  # correlation of turns, and scale error, that identify 
 SIGMAS = 6.0  # significance of an offset in sd
 EXPLAINS = 0.5  # largest residual of the new unit, relative to the old one
 BOTH = 0.6  # correlation of turns and of accelerations that only one drive has: ten true offsets had 0.68 and more [-]
-SHOWN = 0.3  # correlation of turns or accelerations that proves an offset [-]
 
 
 def one_clock(recording: Recording, model: Model) -> tuple[Recording, Model, tuple[Finding, ...]]:
@@ -108,23 +107,6 @@ def _check_radians(path: str, parts: Intervals, fixes: GpsData) -> None:
             as_read, as_radians = likeness(parts, fixes, replace(fixes, lla=lla))
             if as_radians > SURE and 1.0 - as_radians**2 < EXPLAINS * (1.0 - as_read**2):
                 raise InputError("clock.radians", where=path, quantity=name, correlation=as_radians, as_read=as_read)
-
-
-def clock_offset(parts: Intervals, fixes: GpsData, *, worth: float = 0.0) -> ClockOffset | Unlike | None:
-    """Estimate the IMU clock's lag behind the positions, or find that no clock explains them; None if unknown.
-
-    `parts`: samples as intervals. `fixes`: with standard deviations. `worth`: smaller offsets may give None [s].
-    """
-    found = find_clock_offset(parts, fixes, worth=worth)
-    if not isinstance(found, ClockOffset):
-        return found
-    lag, sd = velocity_lag(fixes)
-    return replace(found, offset=found.offset - lag) if abs(lag) > max(LAG_WORTH, 5.0 * sd) else found
-
-
-def is_shown(clock: ClockOffset) -> bool:
-    """Return whether turns or accelerations prove an offset."""
-    return max(abs(clock.turns), clock.accelerations) > SHOWN
 
 
 def shown_values(clock: ClockOffset) -> dict[str, Any]:

@@ -13,10 +13,9 @@ from insnav.alignment.clock_offset import STEP, Unlike, _best_lag, _compared, fi
 from insnav.attitude import dcm_from_rph
 from insnav.earth import lla_offset
 from insnav.exceptions import InputError
-from insnav.filter.gps_noise import with_sd
+from insnav.filter.gps_noise import clock_offset, with_sd
 from insnav.input import read_gps, read_imu
 from insnav.simulate import GpsErrors
-from insnav.steps.one_clock import clock_offset
 from insnav.strapdown import intervals, joined, pieces
 from insnav.types import GpsData, ImuData
 from insnav.units import DEG

@@ -23,7 +23,7 @@ from insnav.input.interpret.columns import Found, require, understand
 from insnav.input.interpret.physics import clock_digits, find_time_unit
 from insnav.input.interpret.schema import ALL_UNITS, LOG_SCHEMAS
 from insnav.input.readers.reading import Reading, ReadingFacts
-from insnav.types import BoolArray, FloatArray, Sampling, SensorLog, Stamp
+from insnav.types import BoolArray, FloatArray, SensorLog
 
 T = TypeVar("T")
 
@@ -57,12 +57,9 @@ class Rows:
         evidence: Iterable[Finding],
         *,
         gaps: bool = True,
-        axes: str = "",
-        sampling: Sampling | None = None,
-        stamp: Stamp | None = None,
-        height: str = "",
+        **known: Any,
     ) -> Reading[T]:
-        """Combine data, events and interpretation; see `ReadingFacts`."""
+        """Combine data, events and interpretation; `known`: further fields of `ReadingFacts`."""
         time = cleaned.columns["time"]
         events = cleaned.events
         if self.cut:
@@ -83,10 +80,7 @@ class Rows:
             columns=columns,
             # the input name for a finding on the whole file
             evidence=tuple(replace(each, subject=each.subject or self.kinds.source) for each in notes if each),
-            axes=axes,
-            sampling=sampling,
-            stamp=stamp,
-            height=height,
+            **known,
             gps_week=None if self.week is None else int(self.week),
         )
         return Reading(data, events, facts)
