@@ -136,15 +136,6 @@ def close_loop(x, x9, size, by9, along, i, blocks):  # type: ignore[no-untyped-d
             x[c, j] -= total * along[i, j]
 
 
-@inner()
-def read_loop(measured, out, k, hs, ks):  # type: ignore[no-untyped-def]
-    """Read derivatives and gains (6, n) of an epoch into `hs` and `ks`: zero where nothing was measured."""
-    n = measured[3].shape[1]
-    for i in range(6):
-        for j in range(n):
-            hs[i, j], ks[i, j] = measured[1][k, i, j], out[2][k, i, j]
-
-
 @njit(cache=True, nogil=True)
 def forward(system, measured, start, jumps, out):  # type: ignore[no-untyped-def]
     """Run the filter, fill `out`, and return -2 log likelihood without its constant.
@@ -369,7 +360,7 @@ def cross(system, measured, out, info, at, g, last):  # type: ignore[no-untyped-
     for k in range(at, last + way, way):
         if k != at:
             drift = read_transition(system, max(k, k - way), f, ft, d)
-            read_loop(measured, out, min(k, k - way), hs, ks)
+            hs[:, :n], ks[:, :n] = measured[1][min(k, k - way)], out[2][min(k, k - way)]
             for i in range(6 * (way > 0)):
                 close_loop(x, x_by, size, hs_by, ks, i, blocks)
             for c in range(size):
