@@ -58,10 +58,7 @@ def result(text: str, *, always: bool = False) -> None:
 
 
 def result_facts(folder: Path) -> None:
-    """Print the facts of a finished folder, on standard output.
-
-    `folder`: with its ``run.json``.
-    """
+    """Print the ``run.json`` of a finished folder, on standard output."""
     from insnav.output.folder import FACTS_FILE
 
     result((folder / FACTS_FILE).read_text(encoding="utf-8").rstrip("\n"), always=True)
@@ -82,10 +79,7 @@ def files_line(folder: Path, out: Path) -> str:
 
 
 def result_page(folder: Path, page: Page, out: Path, *, as_json: bool, more: Iterable[str] = ()) -> None:
-    """Print the report of a finished folder and its location, or its ``run.json`` instead.
-
-    `folder`: with its ``run.json``.
-    """
+    """Print the report of a finished folder and its location, or its ``run.json`` instead."""
     if as_json:
         result_facts(folder)
         return

@@ -166,7 +166,7 @@ class Page:
     @property
     def assumptions(self) -> tuple[str, ...]:
         """Assumptions: defaults, validity, sources."""
-        return (*self.method, *self._texts(Severity.ASSUMPTION))
+        return (*self._texts(Severity.ASSUMPTION), *self.method)
 
     @property
     def notes(self) -> tuple[str, ...]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from itertools import chain
@@ -39,16 +40,18 @@ def page_text(page: Page, width: int | None = None, shown: Sequence[Show] = ("al
 
 
 def brief_text(page: Page, width: int | None, last: Sequence[str] = ()) -> str:
-    """Write a report in about `LINES` lines: verdict, warnings, the first tables, and the lines `last`.
+    """Write a report in about `LINES` lines: verdict, summary, warnings, the first tables, and the lines `last`.
 
-    Warnings above a third of the lines become titles, and the last table ends early. `width`: of the terminal.
+    Sentences that do not fit are omitted. Warnings above a third of the lines become titles, and the last table ends
+    early. `width`: of the terminal.
     """
     found = [each for each in page.findings if each.severity >= Severity.WARNING]
     whole, titles = (
         hanging([phrase("terminal.line", name=phrase("run.warning"), text=text) for text in texts], width)
         for texts in (page.warnings, dict.fromkeys(render(each).title for each in found))
     )
-    lines = [*_head(page, width), *(whole if len(whole) <= LINES // 3 else titles)]
+    warned = whole if len(whole) <= LINES // 3 else titles
+    lines = [*_head(page, width, LINES - len(warned) - len(last)), *warned]
     for table in (each for section in page.sections for each in section_tables(section)):
         shown = _first_rows(table, width, LINES - len(lines) - len(last))
         lines += shown
@@ -57,10 +60,14 @@ def brief_text(page: Page, width: int | None, last: Sequence[str] = ()) -> str:
     return "\n".join([*map(plain_text, lines), *last])
 
 
-def _head(page: Page, width: int | None) -> list[str]:
-    """Write title, verdict and summary."""
+def _head(page: Page, width: int | None, room: float = math.inf) -> list[str]:
+    """Write title and verdict, and the sentences of the summary that fit in `room` lines."""
     verdict = [] if page.verdict is None else [page.verdict.sentence, page.verdict.rating]
-    return hanging(map(translated, [page.title, *verdict, *page.summary]), width)
+    lines = hanging(map(translated, [page.title, *verdict]), width)
+    for text in page.summary:
+        more = hanging([translated(text)], width)
+        lines += more if len(lines) + len(more) <= room else []
+    return lines
 
 
 def _first_rows(table: Table, width: int | None, room: int) -> list[str]:

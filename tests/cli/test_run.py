@@ -66,6 +66,8 @@ def test_everything_or_nothing_is_printed_as_asked(drive: Path, cli: Cli):
     loud = cli("run", *WITH_REFERENCE, "--force", "-v")
     for words in ("Accuracy of the filtered solution", "GPS fixes", "Estimated sensor errors", "Initial alignment"):
         assert words in loud.out
+    for term in ("Stated", "Tilt error", "Lever arm", "A sample that is a mean", "Times of the plots"):  # -v explains
+        assert any(line.startswith(f"  - {term}") for line in loud.out.splitlines())
     assert json.loads(cli("run", *WITH_REFERENCE, "--force", "-q", "--json").out)["kind"] == "run"
 
 

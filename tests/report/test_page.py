@@ -79,6 +79,8 @@ def test_a_short_report_has_whole_lines_and_counts_the_rows_left(width: int, war
     head = [*page.summary, verdict.sentence, verdict.rating]
     said = [render(each).title for each in found] if warnings > 2 else [sentence(each) for each in found]
     assert all(each in " ".join(line.strip() for line in lines) for each in (*head, *said))
+    long = replace(page, summary=("All is at rest.", "word " * 20 * width))  # it does not fit
+    assert brief_text(long, width, last).splitlines() == lines
     shown = sum(line.startswith("  source ") for line in lines)
     assert shown >= 2
     assert phrase("terminal.more_rows", count=30 - shown) in lines[-3]

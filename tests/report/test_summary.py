@@ -266,7 +266,7 @@ def test_standard_deviations_that_were_assumed_are_listed(navigated):
     note = stored("600 fixes have an assumed sd", ASSUMPTION)
     doubt = replace(note, severity=WARNING)
     page = replace(navigated, findings=(note, stored("another"), doubt)).page()
-    assert page.assumptions == (sentence(note),)
+    assert page.assumptions == (sentence(note), *page.method)
     assert page.notes == ("another",)
     assert page.warnings == (sentence(doubt),)
     assert page.verdict.light == "attention"

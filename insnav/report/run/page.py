@@ -304,6 +304,7 @@ def page(result: Result[EvaluatedRun], *, sections: bool = True) -> Page:
         merits=run_merits(found, best) if best else (),
         merits_note="Root mean square over the drive, solution:" if best else "",
         merits_by={mode: run_merits(found, mode) for mode in rated(found)},
+        method=tuple(phrase("method.run").splitlines()),
     )
 
 
