@@ -122,17 +122,9 @@ def options_of(inputs: Inputs, **others: object) -> dict[str, object]:
     return {key: value for key, value in {**named, **others}.items() if value is not None}
 
 
-_START_KEYS = {
-    "time_s": 0,
-    "lat_deg": 0,
-    "lon_deg": 0,
-    "height_m": 0,
-    "v_n_m_s": 3,
-    "roll_pitch_heading_deg": 3,
-    "sd_position_m": 3,
-    "sd_velocity_m_s": 3,
-    "sd_attitude_deg": 3,
-}
+_START_KEYS = dict.fromkeys(("time_s", "lat_deg", "lon_deg", "height_m"), 0) | dict.fromkeys(
+    ("v_n_m_s", "roll_pitch_heading_deg", "sd_position_m", "sd_velocity_m_s", "sd_attitude_deg"), 3
+)
 
 
 def read_start(path: Path) -> Start:
@@ -157,15 +149,9 @@ def read_start(path: Path) -> Start:
         values[key] = value
     if wrong:
         raise InputError("input.incomplete_start", where=f"{path}: {', '.join(wrong)}")
-    return Start(
-        float(values["time_s"]),
-        np.array([values["lat_deg"] * DEG, values["lon_deg"] * DEG, values["height_m"]]),
-        values["v_n_m_s"],
-        values["roll_pitch_heading_deg"] * DEG,
-        values["sd_position_m"],
-        values["sd_velocity_m_s"],
-        values["sd_attitude_deg"] * DEG,
-    )
+    time, lat, lon, height, v_n, rph, place_sd, velocity_sd, attitude_sd = values.values()
+    place = np.array([lat * DEG, lon * DEG, height])
+    return Start(float(time), place, v_n, rph * DEG, place_sd, velocity_sd, attitude_sd * DEG)
 
 
 def given_model(recording: Recording) -> Model:
