@@ -149,15 +149,9 @@ def read_start(path: Path) -> Start:
         values[key] = value
     if wrong:
         raise InputError("input.incomplete_start", where=f"{path}: {', '.join(wrong)}")
-    return Start(
-        float(values["time_s"]),
-        np.array([values["lat_deg"] * DEG, values["lon_deg"] * DEG, values["height_m"]]),
-        values["v_n_m_s"],
-        values["roll_pitch_heading_deg"] * DEG,
-        values["sd_position_m"],
-        values["sd_velocity_m_s"],
-        values["sd_attitude_deg"] * DEG,
-    )
+    time, lat, lon, height, v_n, rph, place_sd, velocity_sd, attitude_sd = values.values()
+    place = np.array([lat * DEG, lon * DEG, height])
+    return Start(float(time), place, v_n, rph * DEG, place_sd, velocity_sd, attitude_sd * DEG)
 
 
 def given_model(recording: Recording) -> Model:
