@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 from dataclasses import replace
 
@@ -87,6 +88,7 @@ def test_a_check_has_a_light_and_a_timeline_with_its_gaps(checked: insnav.Result
     np.testing.assert_allclose([gap.low[0], gap.x[0]], time[longest : longest + 2] - 100000.01, atol=1e-6)
 
 
+@pytest.mark.skipif("INSNAV_REVERSED" in os.environ, reason="the words themselves are tested")
 def test_nothing_is_to_mend_that_has_no_remedy(checked: insnav.Result) -> None:
     assert "mend 1: No lever arm" in checked.summary()
     hopeless = stored("the receiver was under a bridge", Severity.WARNING)
@@ -181,6 +183,7 @@ def test_a_drive_is_drawn_before_it_is_navigated() -> None:
     np.testing.assert_allclose(*drawn, rtol=1e-3)
 
 
+@pytest.mark.skipif("INSNAV_REVERSED" in os.environ, reason="the words themselves are tested")
 def test_a_page_in_chinese_has_no_english_titles_headings_or_labels(navigated: Result) -> None:
     names = {"NIS", "NEES", "GPS", "IMU", "", "gps", "imu", "CEP"}
     with speaking("zh"):
