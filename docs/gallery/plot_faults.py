@@ -47,11 +47,11 @@ for axis, (name, (samples, fixes)) in zip(axes, drives.items(), strict=True):
     plain = search(record, ()).best  # without a fault
     seen, time = plain.seen, record.time - imu.time[0]
     for kind in (each for each in KINDS if each.name in SHOWN):
-        axis.plot(time, score_kind(record, seen, kind).gain, lw=1.2, label=kind.name.replace("_", " "))
+        axis.plot(time, score_kind(record, seen, kind)[0], lw=1.2, label=kind.name.replace("_", " "))
     axis.axhline(ACCEPT, color="0.6", lw=0.8)
     for step in found.best.steps:
         columns, begin = record.columns(step.kind), step.begin
-        size = np.linalg.norm(step.variance * found.best.seen.score[begin] @ columns)
+        size = np.linalg.norm(step.variance * record.project(found.best.seen, step.kind)[0][begin])
         ends = f", ends at {time[step.end]:.0f} s" if step.end else ""
         gain = plain.cost - found.best.cost
         print(f"{name}: {step.kind.name} at {time[begin]:.0f} s{ends}, size {size:.4g}, gain {gain:.0f}")
@@ -60,7 +60,7 @@ for axis, (name, (samples, fixes)) in zip(axes, drives.items(), strict=True):
                 axis.axvline(time[row], color="k", ls="--", lw=0.8)
         if step.end:
             rows = np.arange(begin + 2, begin + 150)
-            score, information = seen.score @ columns, columns.T @ seen.information @ columns
+            score, information = record.project(seen, step.kind)
             cross = record.cross(seen, columns, begin, 150)[rows]
             both = information[begin] + information[rows] - cross - np.swapaxes(cross, 1, 2)
             variances = step.kind.size**2 * SIZES

@@ -47,7 +47,7 @@ def score_kind(record: LinearRecord, of: Pass, kind: Kind) -> tuple[FloatArray, 
 def gains_of(score: FloatArray, information: FloatArray, variances: FloatArray) -> FloatArray:
     """Compute twice the gain of the log-likelihood by steps of variances (k,), without priors, (k, m).
 
-    An infinite variance gives the largest likelihood, r' N^-1 r.
+    One infinite variance gives the largest likelihood, r' N^-1 r.
     """
     found = np.empty((variances.size, score.shape[0]))
     if np.isfinite(variances).all():
@@ -55,8 +55,7 @@ def gains_of(score: FloatArray, information: FloatArray, variances: FloatArray) 
         return found
     size, vectors = np.linalg.eigh(information)
     square = np.einsum("mab,ma->mb", vectors, score) ** 2
-    found[:] = (square / np.maximum(size, 1e-9 * size[:, -1:] + 1e-30)).sum(axis=1)
-    return found
+    return np.asarray((square / np.maximum(size, 1e-9 * size[:, -1:] + 1e-30)).sum(axis=1))[None]
 
 
 def misfit_of(record: LinearRecord, of: Pass, kind: Kind, beside: Sequence[int] = ()) -> float:

@@ -123,8 +123,7 @@ class Pass:
     nav: FloatArray  # (m, 9) smoothed error of position, velocity and attitude
     slope: FloatArray  # (5,) derivatives of the cost by the noise figures, with their prior [-]
     inner: tuple[tuple[FloatArray, ...], ...] = field(repr=False)  # of the passes, for `LinearRecord.cross`
-    # epochs of the first epoch and the faults, ascending, with score and information of the leading states there
-    kept: tuple[IntArray, FloatArray, FloatArray] = field(repr=False)
+    kept: tuple[IntArray, FloatArray, FloatArray] = field(repr=False)  # start and faults: epoch, score, information
 
     @cached_property
     def scores(self) -> tuple[FloatArray, ...]:
@@ -151,7 +150,7 @@ class Pass:
     @property
     def is_finite(self) -> bool:
         """True if all values are finite: an overflow of the backward pass reaches the first epoch."""
-        return bool(np.isfinite([self.cost, *self.kept[1][0], *self.kept[2][0].ravel()]).all())
+        return bool(np.isfinite(self.cost + self.kept[1][0] + self.kept[2][0]).all())
 
 
 def run_back(inner: tuple[tuple[Any, ...], ...], rows: IntArray, n: int) -> tuple[FloatArray, ...]:
@@ -367,10 +366,9 @@ class LinearRecord:
         white = np.where(variance > 0.0, variance * (uu - u**2), 0.0).reshape(m, 2, 3).sum(axis=2)
         slopes = np.column_stack([white, driven])  # by the logarithm of the variance of each block
         counts = np.column_stack([(variance > 0.0).reshape(m, 2, 3).sum(axis=2), np.full(m, NAV)])
-        first = information[0] - np.outer(score[0], score[0])
+        first, kept = information[0] - np.outer(score[0], score[0]), (rows, score, information)
         slope = self._slope(noise, slopes.sum(axis=0), first, told[:, :, NAV:])
-        nav, kept = told[:, 0, :NAV].copy(), (rows, score, information)
-        return Pass(cost, (counts - slopes) / weights, nav, slope, inner, kept)
+        return Pass(cost, (counts - slopes) / weights, told[:, 0, :NAV].copy(), slope, inner, kept)
 
     def _slope(self, noise: Noise, by_blocks: FloatArray, first: FloatArray, told: FloatArray) -> FloatArray:
         """Compute derivatives of the cost by the noise figures (5,), with their prior.

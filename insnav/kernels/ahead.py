@@ -89,7 +89,8 @@ def _kernels() -> tuple[tuple[tuple[Any, ...], ...], ...]:
         *(i, i, flag),
         *(d1, d1, d2, d2, d2, d2, d1),
         *5 * [d1],
-        (*4 * [d1], d2, d2, d2, d1, d1, i1, d1, d1, d2, i1, d2, d2, d2, d2, d1, d2, d2, d1, d2),
+        *(*4 * [d1], d2, d2, d2, d1, d1, i1, d1, d1, d2, i1, d2),
+        (d2, d2, d2, d1, d2, d2, d1, d2),
     )
     assessment = (d1, d2, d1, *4 * [d2], i, flag, d, d, d, i1, d1, d2, d2, d2, d1)
     system, measured, kept = (d1, d3, d2, d3, d2, i1), (d2, d3, d2, d2), (d2, d2, d3, i1, d2, d3)

@@ -239,18 +239,17 @@ def variances(p, x, out):  # type: ignore[no-untyped-def]
 
 @njit(cache=True)
 def propagate(  # type: ignore[no-untyped-def]
-    first, last, close, time, dt, dtheta, dvel, coning, sculling, gap, x, correction, motion, sums, span, *rest
-):
+    first, last, close, time, dt, dtheta, dvel, coning, sculling, gap, x, correction, motion, sums, span, limit, noise,
+    gap_noise, decay, sway, phi, q, grid, wanted, used, out_time, out_aim, out_state, known, out_motion, *work
+):  # fmt: skip
     """Propagate state, transition and noise through intervals `first` to `last` - 1.
 
     `close`: a filter epoch follows, so end the sub-step at `last`; else it stays open for the next call. Then follow
     the fields of `Samples`, of `Carried`, which change in place, and of `Model`, one by one: tuples take ten times as
     long. `phi`, `q` (n, n): transition and noise since the last epoch, changed in place. Then the fields of `Outputs`,
-    filled further, and work space from `scratch`.
+    filled further. `work`: from `scratch`.
     Returns: first interval not processed: `last`, or earlier if the model's limit asks for a filter epoch.
     """
-    (limit, noise, gap_noise, decay, sway, phi, q), work = rest[:7], rest[15:]
-    grid, wanted, used, out_time, out_aim, out_state, known, out_motion = rest[7:15]
     part = (limit[3] - limit[2]) / (sway.shape[0] + 1)
     kept, c, none = work[3], work[6], np.zeros(2)
     ig0, ig1, ig2 = 1.0 / (1.0 + correction[6]), 1.0 / (1.0 + correction[7]), 1.0 / (1.0 + correction[8])

@@ -360,8 +360,14 @@ def cross(system, measured, out, info, at, g, last):  # type: ignore[no-untyped-
     for k in range(at, last + way, way):
         if k != at:
             drift = read_transition(system, max(k, k - way), f, ft, d)
-            hs[:, :n], ks[:, :n] = measured[1][min(k, k - way)], out[2][min(k, k - way)]
-            for i in range(6 * (way > 0)):
+            count = 0
+            for i in range(6):
+                if out[1][min(k, k - way), i] > 0.0:
+                    for j in range(n):
+                        hs[count, j] = measured[1][min(k, k - way), i, j]
+                        ks[count, j] = out[2][min(k, k - way), i, j]
+                    count += 1
+            for i in range(count * (way > 0)):
                 close_loop(x, x_by, size, hs_by, ks, i, blocks)
             for c in range(size):
                 if way > 0:
@@ -369,7 +375,7 @@ def cross(system, measured, out, info, at, g, last):  # type: ignore[no-untyped-
                 else:
                     propagate_back(nav, 0, x, x_by, c, d, drift, f9, system[1].shape[2], n)
                     x[c] = nav[0]
-            for i in range(5, 6 * (way > 0) - 1, -1):
+            for i in range(count - 1, count * (way > 0) - 1, -1):
                 close_loop(x, x_by, size, ks_by, hs, i, blocks)
         if way > 0:
             combine(g, info[k], y)
