@@ -286,13 +286,8 @@ def refuse_exchanged(
         raise InputError("mounting.positions_exchanged", where=gps.facts.path, gives=gives, **values)
 
 
-def explained(imu: Reading[ImuData], fixes: GpsData) -> bool:
-    """Return whether some axes, possibly impossible ones, explain the fixes."""
-    return mounting_of(imu, fixes) is not None
-
-
 def mounting_of(imu: Reading[ImuData], fixes: GpsData) -> Mounting | None:
-    """Estimate the mounting from the first half an hour."""
+    """Estimate the mounting, possibly impossible axes, from the first half an hour."""
     return find_mounting(intervals(imu.data.beginning(LONGEST)), fixes)
 
 

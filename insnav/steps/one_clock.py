@@ -20,7 +20,7 @@ from insnav.input import Reading, check_overlap
 from insnav.input.interpret.overlap import epoch_offset, named_offset, overlap
 from insnav.input.interpret.physics import odd_one
 from insnav.steps import Model, Recording
-from insnav.steps.given import explained, refuse_unlike_gyros
+from insnav.steps.given import mounting_of, refuse_unlike_gyros
 from insnav.strapdown import Intervals, joined, pieces
 from insnav.types import GpsData, ImuData
 from insnav.units import DEG
@@ -61,7 +61,7 @@ def one_clock(recording: Recording, model: Model) -> tuple[Recording, Model, tup
     found = None if given is not None else clock_offset(parts, fixes, worth=WORTH)
     # one file contains one drive, even if noise hides the common motion
     of_one = imu.facts.path == gps.facts.path and Path(imu.facts.path).is_file()
-    if isinstance(found, Unlike) and not apart and not of_one and not explained(imu, fixes):
+    if isinstance(found, Unlike) and not apart and not of_one and mounting_of(imu, fixes) is None:
         values: dict[str, Any] = {"where": f"{imu.facts.path}, {gps.facts.path}", "overlap_s": found.overlap}
         if found.at_rest:
             raise InputError("clock.imu_at_rest", **values)
