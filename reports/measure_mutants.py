@@ -7,8 +7,9 @@ it runs the tests that ran the changed line, quickest first, and stops at the fi
 
 A process that has loaded the package and the tests forks for each mutant, so the mutant exists only in the memory of
 the child. A mutant outside of functions, or in a kernel, is imported anew there.
-Kernels meet uncompiled tests: there only a failed assertion counts, as compiled code divides and indexes otherwise.
-Those that no uncompiled test runs, or that end otherwise, are compiled anew in the child, with all that contain them.
+Kernels meet uncompiled tests. An error there that is no failed assertion, such as an index outside of an array, counts
+as *broken*: compiled code may go on. Kernels that no uncompiled test runs are compiled anew in the child, with all that
+contain them.
 
 ``mutations.md`` is about mutated input files, this is about mutated code.
 """
@@ -357,8 +358,7 @@ def judge(mutant: Mutant | None, file: str, line: int) -> dict[str, Any]:
         count += len(tests)
         if tests:
             outcome = in_child(mutant, tests, compiled=how == "compiled")
-            if outcome != "broken":
-                break
+            break
     return {"outcome": outcome, "tests": count, "seconds": round(time.monotonic() - begin, 1)}
 
 
