@@ -61,3 +61,15 @@ def test_turn_and_level_velocity_do_not_depend_on_the_mounting(seed: int) -> Non
     # in axes that do not turn with the vehicle: 3 m/s gained at headings of 0.2 to 0.8 rad, then 0.4 rad more
     direction = np.unwrap(np.arctan2(change[601:, 1], change[601:, 0]))
     np.testing.assert_allclose(direction - direction[0], 0.2 * step * np.arange(200), atol=5e-3)
+
+
+def test_the_level_bias_of_gyros_shows_in_gravity_at_rest() -> None:
+    """Gravity holds the down axis against it; a twentieth is lost in the first time constant, 10 s of 200 s."""
+    mount, bias = Rotation.random(random_state=4).as_matrix(), np.array([1e-3, -2e-3, 1.5e-3])
+    n, step = 20_000, 0.01
+    down, found = mount.T @ [0.0, 0.0, 1.0], np.zeros(3)
+    force = np.tile(-9.81 * step * down, (n, 1))
+    level_history(
+        np.full(n, step), np.tile(step * bias, (n, 1)), force, found, 10.0, np.empty(n + 1), np.empty((n + 1, 2))
+    )
+    np.testing.assert_allclose(found, 0.95 * (bias - (bias @ down) * down), atol=5e-5)
