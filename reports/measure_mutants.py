@@ -7,8 +7,9 @@ it runs the tests that ran the changed line, quickest first, and stops at the fi
 
 A process that has loaded the package and the tests forks for each mutant, so the mutant exists only in the memory of
 the child. A mutant outside of functions, or in a kernel, is imported anew there.
-Kernels meet uncompiled tests: there only a failed assertion counts, as compiled code divides and indexes otherwise.
-Those that no uncompiled test runs, or that end otherwise, are compiled anew in the child, with all that contain them.
+Kernels meet uncompiled tests. An error there that is no failed assertion, such as an index outside of an array, counts
+as *broken*: compiled code may go on. Kernels that no uncompiled test runs are compiled anew in the child, with all that
+contain them.
 
 ``mutations.md`` is about mutated input files, this is about mutated code.
 """
@@ -357,8 +358,7 @@ def judge(mutant: Mutant | None, file: str, line: int) -> dict[str, Any]:
         count += len(tests)
         if tests:
             outcome = in_child(mutant, tests, compiled=how == "compiled")
-            if outcome != "broken":
-                break
+            break
     return {"outcome": outcome, "tests": count, "seconds": round(time.monotonic() - begin, 1)}
 
 
@@ -402,15 +402,20 @@ def records(log: Path) -> Iterator[dict[str, Any]]:
 
 def report(log: Path, judged: dict[str, str]) -> str:
     """Write the shares that were killed, and the survivors with what they are judged to be."""
-    found = {(each["file"], each["place"], each["choice"]): each for each in records(log)}  # the last of each
+    found: dict[tuple[str, int, int], dict[str, Any]] = {}
+    first: dict[tuple[str, int, int], bool] = {}
+    for each in records(log):
+        key = each["file"], each["place"], each["choice"]
+        found[key] = each
+        first.setdefault(key, each["outcome"] != "passed")
     rows, left = [], []
     for package in (*PACKAGES, ""):
-        part = [each for each in found.values() if f"insnav/{package}" in each["file"]]
-        killed = sum(each["outcome"] != "passed" for each in part)
-        equal = sum(judged.get(f"{each['file']}:{each['line']}", "").startswith("equivalent") for each in part)
-        low, high = (f"{100.0 * bound:.0f}" for bound in interval(killed, len(part)))
-        share = f"{100.0 * killed / len(part):.0f} % | {low} to {high} %"
-        rows.append(f"| {package or 'all'} | {len(part)} | {killed} | {share} | {equal} |")
+        part = {key: each for key, each in found.items() if f"insnav/{package}" in each["file"]}
+        before, killed = sum(map(first.__getitem__, part)), sum(each["outcome"] != "passed" for each in part.values())
+        equal = sum(judged.get(f"{key[0]}:{each['line']}", "").startswith("equivalent") for key, each in part.items())
+        low, high = (f"{100.0 * bound:.0f}" for bound in interval(before, len(part)))
+        share = f"{100.0 * before / len(part):.0f} % | {low} to {high} % | {100.0 * killed / len(part):.0f} %"
+        rows.append(f"| {package or 'all'} | {len(part)} | {share} | {equal} |")
     for each in sorted(found.values(), key=lambda each: (each["file"], each["line"])):
         if each["outcome"] == "passed":
             place = f"{each['file']}:{each['line']}"
@@ -420,7 +425,7 @@ def report(log: Path, judged: dict[str, str]) -> str:
     return "\n".join(
         [
             f"# Mutants of the code\n\nVersion {__version__}; made by `python reports/measure_mutants.py`.\n",
-            *("| package | mutants | killed | share | 95 % interval | survivors that are equivalent |",),
+            *("| package | mutants | killed at first | 95 % interval | killed now | survivors that are equivalent |",),
             *("| --- | ---: | ---: | ---: | ---: | ---: |", *rows, "", NOTES, "", "## Survivors", ""),
             *("| place | change | judgement |", "| --- | --- | --- |", *left, ""),
         ]

@@ -10,6 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from insnav import earth
+from insnav.attitude import dcm_from_quat
+from insnav.kernels.errorstate import move_along, move_by_motion
 
 GEOD = pyproj.Geod(ellps="WGS84")
 LATITUDES = np.radians([-89.0, -60.0, -30.0, 0.0, 1e-6, 20.0, 45.0, 71.0, 89.9])
@@ -117,3 +119,28 @@ def test_offset_is_that_of_local_cartesian_coordinates(lat, lon, ned):
 def test_difference_takes_the_short_way_across_the_date_line():
     east = earth.ned_offset([0.3, -np.pi + 1e-7, 0.0], [0.3, np.pi - 1e-7, 0.0])[1]
     assert east == pytest.approx(earth.ned_offset([0.3, 2e-7, 0.0], [0.3, 0.0, 0.0])[1], abs=1e-7)
+
+
+def from_earth(lat: float, lon: float) -> np.ndarray:
+    """Matrix from the axes of the Earth to north, east, down."""
+    east = np.array([-np.sin(lon), np.cos(lon), 0.0])
+    down = -np.array([np.cos(lat) * np.cos(lon), np.cos(lat) * np.sin(lon), np.sin(lat)])
+    return np.array([np.cross(east, down), east, down])
+
+
+@pytest.mark.parametrize("height", [0.0, 20_000.0])
+def test_a_state_moved_by_its_motion_is_where_pymap3d_and_the_turn_of_the_earth_say(height):
+    """For a second without rotation against the stars, with acceleration and without; and along its velocity alone."""
+    start, force = np.array([0.8, 0.2, height, 200.0, -150.0, 10.0, 1.0, 0.0, 0.0, 0.0]), np.array([0.5, 1.0, -0.2])
+    moved, straight = np.tile(start, (3, 1)), start[None].copy()
+    move_by_motion(moved, np.array([1, 2]), np.array([[0.0, 0.0, 0.0, *force], np.zeros(6)]), np.ones(2))
+    move_along(straight, np.ones(1))
+    np.testing.assert_array_equal(moved[0], start)
+    for x, way in ((moved[1], start[3:6] + 0.5 * force), (straight[0], start[3:6])):
+        gone = pymap3d.geodetic2ned(x[0], x[1], x[2], *start[:3], deg=False)
+        np.testing.assert_allclose(gone, way, atol=0.02)  # half the square of the way over the radius: 5 mm
+    np.testing.assert_allclose(moved[1, 3:6], start[3:6] + force, rtol=1e-12)
+    turned = 7.292115e-5  # of the Earth in a second [rad]
+    spin = np.array([[np.cos(turned), np.sin(turned), 0.0], [-np.sin(turned), np.cos(turned), 0.0], [0.0, 0.0, 1.0]])
+    body = from_earth(*moved[2, :2]) @ spin @ from_earth(*start[:2]).T
+    np.testing.assert_allclose(dcm_from_quat(moved[2, 6:]), body, atol=2e-8)

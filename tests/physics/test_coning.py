@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import pytest
 from scipy.special import j1
@@ -10,6 +12,7 @@ from insnav import strapdown
 from insnav.attitude import dcm_from_quat, quat_conjugate, quat_from_rotvec, quat_multiply, rotvec_from_quat
 from insnav.certificate.integrators import steps_of
 from insnav.certificate.motions import Cone
+from insnav.kernels.increments import turn_factors
 from insnav.types import ImuData
 from insnav.units import DEG, DEG_PER_H, G0, UG
 
@@ -142,3 +145,11 @@ def test_spin_at_constant_rate(sampling):
     print(f"{drift_rate / DEG_PER_H:.3f} deg/h, {force_rate / UG:.4f} ug")
     assert drift_rate <= 1e-6 * 1000 * DEG
     assert force_rate <= 2.0 * UG
+
+
+@pytest.mark.parametrize("angle", [1e-3, 0.05, 0.15, 0.19999, 0.20001, 0.5, 3.0])
+def test_factors_of_a_turn_are_exact_on_both_sides_of_their_series(angle):
+    """(1 - cos a) / a^2 and (a - sin a) / a^3 by forty terms of their power series."""
+    terms = [(-1.0) ** k * angle ** (2 * k) for k in range(40)]
+    wanted = [sum(t / math.factorial(2 * k + more) for k, t in enumerate(terms)) for more in (2, 3)]
+    np.testing.assert_allclose(turn_factors(angle**2), wanted, rtol=1e-13)
