@@ -190,7 +190,7 @@ class Result(Generic[F]):
         return cast("pd.DataFrame", _save.frame(self, solution))
 
     def summary(self) -> str:
-        """Return the result as text: key figures of a run, else what ``-v`` prints, with keywords instead of options.
+        """Return the result as text: a run in short, others as by ``-v``, with keywords instead of options.
 
         Returns
         -------

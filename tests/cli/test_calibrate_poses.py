@@ -72,7 +72,7 @@ def test_the_page_shows_field_units_and_every_pose_only_on_the_page(bench: Path,
         assert text in shown.out
     assert "turn share [%]" not in cli("calibrate", "poses", "imu.csv", *G, "--force").out
     page = Path("calibration/report.html").read_text(encoding="utf-8")
-    assert "turn share [%]" in page
+    assert 'turn share <span class="unit">[%]' in page
     assert "normal gravity" not in shown.err
     assert "as given" in shown.err
     (sensitivity,) = findings_of(read_facts(Path("calibration")), Code.BENCH_G_SENSITIVITY)
