@@ -47,9 +47,8 @@ if TYPE_CHECKING:
     from insnav.certificate.certify import verify
     from insnav.errors.metrics import position_errors
     from insnav.exceptions import InsnavError
-    from insnav.filter.filter_input import Output
     from insnav.filter.navigate import navigate_recording
-    from insnav.filter.receiver import Delay, LeverArm, Receiver
+    from insnav.filter.receiver import Receiver
     from insnav.fleet.tuning import tune
     from insnav.imu import load_imu
     from insnav.input import read_gps, read_imu, read_reference
@@ -71,8 +70,7 @@ _NAMES = {
     "insnav.certificate.certify": "verify",
     "insnav.errors.metrics": "position_errors",
     "insnav.exceptions": "InsnavError",
-    "insnav.filter.filter_input": "Output",
-    "insnav.filter.receiver": "Delay LeverArm Receiver",
+    "insnav.filter.receiver": "Receiver",
     "insnav.filter.navigate": "navigate_recording",
     "insnav.fleet.tuning": "tune",
     "insnav.imu": "load_imu",
@@ -93,16 +91,13 @@ _NAMES = {
 _HOME = {name: module for module, names in _NAMES.items() for name in names.split()}
 
 __all__ = [
-    "Delay",
     "Drive",
     "GpsData",
     "ImuData",
     "Increments",
     "InsnavError",
-    "LeverArm",
     "OnlineFilter",
     "OnlineState",
-    "Output",
     "Receiver",
     "Result",
     "Run",
