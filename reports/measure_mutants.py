@@ -52,6 +52,7 @@ SLOWER, START = 6.0, 60.0  # time limit: times the duration of the tests, plus t
 NOTES = f"""\
 A third of the mutants is from each package, drawn at random. A mutant meets tests that ran its line, of {MOST:g} s
 together, not the whole suite: other tests may kill some survivors. It is killed by a failed test or by its time limit.
+*At first* is before tests were written against the survivors of this sample, which only *now* counts.
 Mutated input files are in [mutations](mutations.md)."""
 SWAPS: dict[type, tuple[type, ...]] = {
     ast.Lt: (ast.LtE, ast.GtE),
