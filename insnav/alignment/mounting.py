@@ -9,7 +9,7 @@ singular values) is the IMU attitude, from the data alone. Relative to the cours
 
 Over half a minute, gravity shows tilts of a degree: it must turn in the body as the gyros measure. Each signed order of
 the gyros, with and without a reflection, has a likelihood. All come from the same sums of products of increments.
-Columns are wrong if the likelihood ratio outweighs the prior odds: about one recording in a hundred has wrong columns.
+Columns are wrong if the likelihood ratio outweighs the prior odds: one to a hundred for each wrong column.
 """
 
 from __future__ import annotations

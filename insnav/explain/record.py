@@ -36,8 +36,8 @@ FAULTS = 9  # states of faults: offset of positions, its drift, offset of veloci
 TAILS = 4.0  # degrees of freedom of the errors of fixes and of the noise of the IMU, Student's t [-]
 WEIGHTED = np.array([3.0, 3.0, NAV])  # number of values with a common weight: position, velocity, noise of a span [-]
 LEAST = (TAILS + WEIGHTED) / (TAILS + 0.6 * WEIGHTED)  # largest weight, for values with squares of 0.6 each [-]
-# Prior sd of the logarithms of five noise figures, upwards and downwards: factors on position sd, velocity sd and IMU
-# noise, the odds of the time-correlated share of the position variance, and its correlation time.
+# Prior sd of the logarithms of five noise figures, upwards and downwards. Three are factors on position sd, velocity sd
+# and IMU noise. Two are the odds of the time-correlated share of the position variance, and its correlation time.
 # Innovations cannot show that fixes are better than stated, as lasting errors are invisible in them. With `FAR`, a
 # factor of 100 is possible, as of centimetres taken for metres. For the IMU it is 20: vibration adds much noise.
 FIGURES = (2.3, 0.03), (2.3, 0.03), (1.5, 0.8), (1.5, 1.5), (1.0, 1.0)

@@ -234,7 +234,7 @@ def maximise(drives: Sequence[InnovationLikelihood]) -> DriveNoise:
         float(np.mean(e**2 / s)),
         far_off,
         (drive, top),
-        cost,
+        cost + VELOCITY_WORTH * (posterior.parameters is not drives[0].parameters),
     )
 
 
@@ -302,6 +302,7 @@ def identify(drives: Sequence[InnovationLikelihood], kinds: Sequence[ImuSpec] = 
 
     `kinds`: alternative kinds of IMU, if the estimates favour them.
     """
+    drives = [drives[0], *(drive.of(drives[0].prior) for drive in drives[1:])]  # parameters are factors on one prior
     found = maximise(drives)
     doubtful = bool(np.min(found.white) > DOUBTED)
     if found.far_off or doubtful:
@@ -473,7 +474,7 @@ def with_known_noise(ready: FilterInput, spec: ImuSpec, *, lasting: bool, sizes:
         return ready.add_faults(*_too_small(ready, *drive.normalised(at)[:2]))
     posterior = Posterior([drive.of_positions(sizes=sizes)])
     starts = [np.concatenate([posterior.middle[:-2], each]) for each in STARTS]
-    top, covariance, (e, s, _) = posterior.climb(min(starts, key=lambda each: posterior.innovations(each)[2]), NEAR)
+    top, covariance, (e, s, _) = posterior.climb(min(starts, key=lambda each: posterior.innovations(each)[2]))
     faults = _too_small(ready, e, s)
     if faults:  # time-correlated errors would absorb other noise
         return ready.add_faults(*faults)

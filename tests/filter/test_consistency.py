@@ -13,7 +13,7 @@ from scipy.stats import chi2
 
 from insnav.earth import ned_offset
 from insnav.explain.explanation import Explanation
-from insnav.filter import FilterSettings, Navigator
+from insnav.filter.navigator import Navigator
 from insnav.simulate import reference
 from tests.filter import drives
 
@@ -89,8 +89,7 @@ def test_the_mean_square_of_innovations_is_one_and_more_where_the_noise_is_under
     begin = drives.begin(drives.MODEL, rng)
     for part, low, high in ((1.0, 0.87, 1.13), (0.7, 1.2, 2.1)):
         fixes = replace(gps, position_sd=part * gps.position_sd, velocity_sd=part * gps.velocity_sd)
-        settings = FilterSettings(lever_b=drives.LEVER_B, gates=drives.UNFAILING)
-        navigator = Navigator(begin.initial, drives.MODEL, fixes, begin.alignment, 0.02, settings)
+        navigator = Navigator(drives.ready(imu, fixes, begin, drives.MODEL, gates=drives.UNFAILING))
         navigator.feed(imu)
         assert low < navigator.misfit()[1] < high
 
