@@ -54,9 +54,9 @@ REST, REST_PRIOR = 60.0, (0.5, 0.3)
 POSITION_PRIOR = (0.6, 0.03)
 LEVELS = "gps.horizontal", "gps.vertical"
 VELOCITY_PRIOR = 0.6
-# Log odds of the time-correlated share of position variance, and their sd. They are those of Jeffreys' prior of a
-# proportion, the beta distribution (1/2, 1/2): H. Jeffreys, Proc. R. Soc. Lond. A 186 (1946) 453-461. The share is never
-# zero: neglected, the 9 % that seven minutes do not show double the smoothed errors.
+# Log odds of the time-correlated share of position variance, and their sd by Jeffreys' prior of a proportion, which is
+# the beta distribution (1/2, 1/2). H. Jeffreys, Proc. R. Soc. Lond. A 186 (1946) 453-461. The share is never zero:
+# neglected, the 9 % that seven minutes do not show double the smoothed errors.
 SHARE = (0.0, np.pi)
 CORRELATION_TIME = (float(np.log(45.0)), 1.0)  # logarithm of its correlation time [s], and its sd
 # Largest share of close fixes, and interval beyond which it is `LARGEST_SHARE` [s]. The white part of such fixes also

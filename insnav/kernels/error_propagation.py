@@ -264,8 +264,8 @@ def noise_variances(  # type: ignore[no-untyped-def]
 ):
     """Compute the variances from one noise: white noise, random walks, Gauss-Markov processes.
 
-    Steps are added backwards from each row. `h` is the error at the row by a pulse in the step. Its sum `integral` is the
-    response to a random walk. `correlated` is the response to a Gauss-Markov process that begins after the step.
+    Steps are added backwards from each row. `h` is the error at the row by a pulse in the step. Its sum `integral` is
+    the response to a random walk, `correlated` that to a Gauss-Markov process that begins after the step.
 
     `dt` (m,): steps [s]. `velocity`, `position` (m + 1, 3): first and second integral of the specific force, North,
     East, Down, at the edges of the steps. `given` (m, 9): rate of attitude, velocity and position errors per unit of

@@ -100,7 +100,9 @@ def test_clocks_that_differ_are_spoken_of_only_where_they_do(tmp_path):
     readings = replace(check(table(tmp_path / "a.csv", samples(IMU_HEADERS))), findings=())
     for offset, said in ((None, False), (0.002, False), (0.2, True)):
         both = None if offset is None else ClockOffset(offset, 0.025, 0.9, 0.9, 300.0)
-        arm = replace(readings.found, offset=both, mounting=Mounting(np.eye(3), 0.1, 9, 0.0, 0.0, np.eye(3), mirrored=False))
+        arm = replace(
+            readings.found, offset=both, mounting=Mounting(np.eye(3), 0.1, 9, 0.0, 0.0, np.eye(3), mirrored=False)
+        )
         shown = page_text(page(replace(readings, found=arm)))
         assert "IMU and GPS together" in shown
         assert ("clocks that differ" in shown) == said
