@@ -40,8 +40,8 @@ def explain(recording: Recording, model: Model) -> tuple[Recording, Model, tuple
         ready, explanation = explain_faults(before, kinds)
     explanation = replace(explanation.after(rounds), faults=(*late, *explanation.faults))
     findings = (*(find(step, fixes) for step in late), *explanation.findings)
-    model = replace(model, ready=ready.add_faults(*findings), explanation=explanation)
-    return replace(recording, fixes=fixes), model, findings
+    # the recording keeps its fixes: with another lever arm, their delay is searched again
+    return recording, replace(model, ready=ready.add_faults(*findings), explanation=explanation), findings
 
 
 def put_on_one_delay(fixes: GpsData, ready: FilterInput, steps: Sequence[Fault]) -> GpsData:

@@ -35,6 +35,7 @@ from insnav.simulate.recording import (
     load_gps,
     simulate_recording,
 )
+from insnav.steps import PREPARE, run_steps
 from insnav.types import FloatArray, GpsData, ImuData, Trajectory
 from insnav.units import DEG
 from tests.filter import drives
@@ -457,6 +458,17 @@ def test_a_drift_of_the_clock_is_none():
     run = insnav.load(recording(8).imu, drifting).navigate().found.run
     assert not any(of_code(run.events, *CONTRADICTIONS, *NOT_MEASURED))
     assert run.gps_delay == pytest.approx(0.0, abs=0.02)
+
+
+def test_late_fixes_are_moved_for_the_filter_and_stay_in_the_recording():
+    """A step that sets the filter up again, with another lever arm, would otherwise keep a fault that is none."""
+    drive = insnav.simulate("city", imu="consumer", gps="dgps", seed=47, faults=["gps-latency:0.1s@240s"])
+    recording, model, _ = run_steps(PREPARE[:2], drive.recording, drive.model)
+    assert recording.fixes is drive.recording.fixes
+    begin = recording.fixes.time[0]
+    common, moved, kept = np.intersect1d(model.ready.gps.time, recording.fixes.time, return_indices=True)
+    assert common.max() < begin + 250.0 < recording.fixes.time[-1]
+    assert moved.size == kept.size > 200
 
 
 def test_a_small_step_is_no_drift_of_the_clock():
