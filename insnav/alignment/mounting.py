@@ -80,8 +80,8 @@ for _letters in itertools.permutations(_DIRECTIONS, 3):
 def _changes(matrices: FloatArray) -> IntArray:
     """Count exchanges of two columns and reversals of one, or of all, that make up matrices (n, 3, 3).
 
-    Each is a reflection: their least number is the rank without the identity (Carter, "Conjugacy classes in the Weyl
-    group", Compositio Mathematica 25 (1972) 1-59, lemma 2), in any axes.
+    Each but the reversal of all is a reflection. The least number of reflections is the rank without the identity
+    (Carter, "Conjugacy classes in the Weyl group", Compositio Mathematica 25 (1972) 1-59, lemma 2), in any axes.
     """
     without = np.linalg.matrix_rank(matrices - AS_IS), 1 + np.linalg.matrix_rank(matrices + AS_IS)
     return np.asarray(np.minimum(*without))

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, cast
 import typer
 
 from insnav.cli import options as common
-from insnav.cli.console import brief_text, note, note_warnings, result, result_page, working, write_result
+from insnav.cli.console import note, note_warnings, result, result_page, summary_text, working, write_result
 from insnav.cli.data_options import READING, Data, say_reading, takes_data
 from insnav.cli.help import GroupedCommand, LightGroup, help_of
 from insnav.cli.options import IMU, METHOD, RESULT, START, Columns, Force, Json, Out, argument, flag, option
@@ -276,7 +276,7 @@ def imus(
     from insnav.session.bench import imus as listed
 
     found = listed(name)
-    result(json.dumps(facts_of(found), indent=2, ensure_ascii=False) if as_json else brief_text(found))
+    result(json.dumps(facts_of(found), indent=2, ensure_ascii=False) if as_json else summary_text(found))
 
 
 ERRORS = "Errors of the platform"

@@ -86,7 +86,7 @@ def result_page(folder: Path, page: Page, out: Path, *, as_json: bool, more: Ite
     from insnav.report.terminal import entry
 
     names = ", ".join(name for name in (*more, "report.html", "figures", "run.json") if (folder / name).exists())
-    result(shown_page(page, f"{entry('files', '')}{out}: {names}; "))
+    result(shown_page(page, f"{entry('files', '')}{out}: {names}"))
 
 
 def shown_page(page: Page, files: str = "") -> str:
@@ -96,8 +96,9 @@ def shown_page(page: Page, files: str = "") -> str:
 
     width = terminal_width()
     if level > 0:
-        return coloured("\n\n".join([page_text(page, width, ("all", "page")), files.removesuffix("; ")]).rstrip())
-    return coloured(brief_text(page, width, hanging([files + phrase("terminal.details")], width)))
+        return coloured("\n\n".join([page_text(page, width, ("all", "page")), files]).rstrip())
+    last = "; ".join(filter(None, (files, phrase("terminal.details"))))
+    return coloured(brief_text(page, width, hanging([last], width)))
 
 
 def write_result(outcome: Result[Any], folder: RunFolder, stage: Stages, **how: Any) -> Path:
@@ -112,7 +113,7 @@ def write_result(outcome: Result[Any], folder: RunFolder, stage: Stages, **how: 
     return save_result(outcome, folder, **how)
 
 
-def brief_text(outcome: Result[Any]) -> str:
+def summary_text(outcome: Result[Any]) -> str:
     """Summarise a result in lines of the terminal width, without wrapping elsewhere."""
     from insnav.report.save import text_of
 

@@ -178,7 +178,7 @@ def report(
     if as_json:
         console.result_facts(where)
     else:
-        console.result(f"{console.brief_text(opened)}\n{console.files_line(where, out)}")
+        console.result(f"{console.summary_text(opened)}\n{console.files_line(where, out)}")
 
 
 def with_backdrop(opened: Result[Any], file: Path | None) -> Result[Any]:

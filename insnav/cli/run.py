@@ -85,7 +85,7 @@ def run(
             from insnav.report.terminal import page_text
 
             console.result(f"{page_text(outcome.page(), console.terminal_width(), ('all', 'page'))}\n")
-        console.result(console.coloured(f"{console.brief_text(outcome)}\n{console.files_line(where, out)}"))
+        console.result(console.coloured(f"{console.summary_text(outcome)}\n{console.files_line(where, out)}"))
     check_usable(outcome)
     if fail_above is not None and outcome.found.errors is not None:
         from insnav.sample_statistics import rms

@@ -234,14 +234,11 @@ class LinearRecord:
         fed = np.zeros((m, n + FAULTS))
         fed[:, :n] = np.einsum("mi,mij->mj", z, gain)
         sensors, taken = history[:, CORRECTION : CORRECTION + STATES - NAV], np.zeros((m + 1, NAV))
-        changes = ready.explained.changes
-        for each in changes:
+        for each in ready.explained.changes:
             if each.first < NAV:
                 taken[np.searchsorted(time, each.time - 1e-6), each.first : each.first + 3] += each.change
-        at_change = [each.time - 1e-6 for each in ready.explained.changes] + [
-            each.time - 1e-6 for each in ready.rounding
-        ]
-        for of in np.unique(np.searchsorted(time, at_change)):
+        at_change = [each.time for each in ready.explained.changes] + [each.time for each in ready.rounding]
+        for of in np.unique(np.searchsorted(time, np.array(at_change) - 1e-6)):
             if 0 < of < m:  # as the run took it off its state
                 q[of], qd[of], fade[of, NAV:STATES] = q[of - 1], qd[of - 1], fade[of - 1, NAV:STATES]
                 part = np.zeros(STATES)

@@ -95,7 +95,7 @@ class InnovationLikelihood:
         self.median_sd: FloatArray = np.median(gps.position_sd, axis=0)
         correlated = run.receiver.correlated
         if correlated is None:  # the nominal run needs the states at any size
-            correlated = CorrelatedNoise(0.1, 40.0, np.sqrt(0.1) * self.median_sd)
+            correlated = CorrelatedNoise.of_fixes(0.1, 40.0, gps.position_sd)
         correlated = replace(correlated, velocity_sd=None)
         self._ready, self._run, self.prior = ready, run, spec
         self._receiver = replace(ready.receiver, correlated=correlated)

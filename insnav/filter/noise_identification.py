@@ -78,7 +78,7 @@ class DriveNoise(NoiseEstimate):
     """Noise of drives, with the innovations of its estimate."""
 
     seen: tuple[InnovationLikelihood, FloatArray]  # of the first drive, and logarithms of the parameters
-    cost: float  # negative logarithm of the posterior density
+    cost: float  # negative logarithm of the posterior density, with `VELOCITY_WORTH` for the wider model of velocities
 
 
 class Posterior:
@@ -202,6 +202,7 @@ def maximise(drives: Sequence[InnovationLikelihood]) -> DriveNoise:
     white[-2] = -np.inf
     before = posterior.innovations(white)
     top, covariance, (e, s, cost) = posterior.climb(_begun(posterior))
+    penalty = 0.0
     if any(p.key == "gps.velocity" for p in posterior.parameters):  # velocities may have a time-correlated error, too
         wider = Posterior([drive.with_correlated_velocities() for drive in drives])
         starts = [np.concatenate([top[:-2], each, top[-2:]]) for each in VELOCITY_STARTS]
@@ -209,7 +210,7 @@ def maximise(drives: Sequence[InnovationLikelihood]) -> DriveNoise:
         if min(costs) < cost:
             at, of_at, found = wider.climb(starts[int(np.argmin(costs))])
             if found[2] < cost - VELOCITY_WORTH:
-                posterior, top, covariance, (e, s, cost) = wider, at, of_at, found
+                posterior, top, covariance, (e, s, cost), penalty = wider, at, of_at, found, VELOCITY_WORTH
     drive = posterior.drives[0]
     plausible = posterior.plausible(top, covariance)
     position, velocity, correlated = drive.fixes_of(plausible[0])
@@ -234,7 +235,7 @@ def maximise(drives: Sequence[InnovationLikelihood]) -> DriveNoise:
         float(np.mean(e**2 / s)),
         far_off,
         (drive, top),
-        cost + VELOCITY_WORTH * (posterior.parameters is not drives[0].parameters),
+        cost + penalty,
     )
 
 
@@ -317,12 +318,13 @@ def identify(drives: Sequence[InnovationLikelihood], kinds: Sequence[ImuSpec] = 
         kind = kind_of(found, kinds)
         if kind is found.seen[0].prior:
             break
-        with suppress(DivergenceError):
+        try:
             of_kind = maximise([drive.of(kind) for drive in drives])
-            if of_kind.cost < found.cost:
-                found = of_kind
-                continue
-        break
+        except DivergenceError:
+            break
+        if of_kind.cost >= found.cost:
+            break
+        found = of_kind
     return found
 
 
@@ -450,7 +452,7 @@ def with_usual_noise(ready: FilterInput) -> FilterInput:
     if ready.receiver.correlated is not None:
         return ready
     time, share = usual_time(), 1.0 / (1.0 + np.exp(-likelihood.SHARE[0]))
-    usual = CorrelatedNoise(share, time, np.sqrt(share) * np.median(ready.gps.position_sd, axis=0))
+    usual = CorrelatedNoise.of_fixes(share, time, ready.gps.position_sd)
     note = Finding.of(Code.ESTIMATE_CORRELATED_USUAL, share=share, time_s=time)
     return ready.replace_correlated(usual).add_notes(note)
 

@@ -17,7 +17,7 @@ def check_given(recording: Recording, model: Model) -> tuple[Recording, Model, t
     first, ready, solved = model.solved, model.ready, model.solved
     doubts = () if recording.gps is None else understated(ready, recording.gps.data)
     if ready.receiver.lever_arm.sd:
-        run, hidden = with_hidden_lever(solved.ready or ready, solved.run)
+        run, hidden = with_hidden_lever(solved.ready, solved.run)
         solved, doubts = replace(solved, run=run), (*doubts, *hidden)
     if ready.receiver.lever_arm.sd and not model.receiver.lever_arm.sd:
         doubts = (*doubts, lever_contradicted(model.receiver.lever_arm.value, solved.run))

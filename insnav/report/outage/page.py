@@ -100,17 +100,17 @@ def _verdict(study: OutageStudy, notes: tuple[Finding, ...]) -> Verdict:
     both = [(each, lead) for each in study.growth for lead in _MODES]
     few, length, mode = min((_inside(each, lead), each.length, lead) for each, lead in both)
     ratio, longer, larger = max((ratio, each.length, name) for each in study.growth for ratio, name in _ratios(each))
-    share = "all" if few == 1.0 else f"{100.0 * few:.0f} % or more of the"
+    share, errors = ("all", "errors") if few == 1.0 else (f"{100.0 * few:.0f} % or more", "of the errors")
     light, words = ("good", "holds") if few >= _INSIDE else ("attention", "is too small")
     if few < _FEW_INSIDE:
         light, words = "bad", "is far too small"
     reason = f"{100.0 * few:.0f} % of the {mode}errors after {length:g} s are inside 3 sd: the stated sd {words}"
     if light == "good":
-        reason = f"{share} errors are inside 3 sd after every length: the stated sd {words}"
+        reason = f"{share} {errors} are inside 3 sd after every length: the stated sd {words}"
     if light == "good" and ratio > _LARGER:
         light = "attention"
         reason = f"after {longer:g} s the {larger} errors are {ratio:.2f} times as large as predicted; "
-        reason += f"{share.removesuffix(' of the')} are inside 3 sd"
+        reason += f"{share} are inside 3 sd"
     text = (
         f"After {found.length:g} s without GPS, the horizontal error is {number(float(found.rms[-1, i]))} m RMS."
         f"{_less_reference(found, i)} The filter predicts {number(float(found.predicted[-1, i]))} m."
