@@ -110,7 +110,7 @@ def parts() -> dict[str, list[str]]:
 
 
 def of_kernels(files: list[str]) -> list[str]:
-    """Keep the tests that import kernels, and those that call little else."""
+    """Return the test files that call kernels directly, or little else than kernels."""
     named = re.compile(r"from insnav\.kernels(\.\w+)? import [^\n]*\b[a-z]")  # functions
     return [
         each
@@ -194,7 +194,8 @@ def report() -> str:
             f"{total} lines, {errors} of them in statements that raise an error. Files with most of them:\n",
             *("| file | lines | raise an error |", "| --- | ---: | ---: |"),
             *(f"| `{name}` | {len(missing[name][0])} | {missing[name][1]} |" for name in worst),
-            f"\n## Functions that no test of these runs\n\n{', '.join(idle) or 'none'}.\n",
+            "\n## Functions that none of these tests calls\n",
+            *(f"- {each}" for each in idle or ["none"]),
         ]
     )
 

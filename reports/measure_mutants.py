@@ -439,7 +439,7 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--log", type=Path, default=FOLDER / "mutants.jsonl", help="to resume, and for the report")
     parser.add_argument("--packages", nargs="*", default=PACKAGES, help="judge only those of these packages")
-    parser.add_argument("--again", action="store_true", help="only those that survived, after tests were added")
+    parser.add_argument("--again", action="store_true", help="test the survivors again, with the tests added since")
     parser.add_argument("--unchanged", type=int, default=0, help="run the tests of so many mutants on unchanged code")
     parser.add_argument("--report", action="store_true", help="only write the report")
     asked = parser.parse_args()

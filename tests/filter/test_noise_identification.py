@@ -262,7 +262,7 @@ def precise(laps: int) -> tuple[InnovationLikelihood, ImuData]:
 
 
 def test_the_search_ends_where_the_cost_is_flat():
-    """Newton's expected gain by central differences, far smaller than those of the search, at a sharp maximum."""
+    """The maximum is sharp. Central differences with small steps give the gain that Newton's method expects there."""
     posterior = Posterior([precise(laps=8)[0]])
     top, _, seen = posterior.climb(_begun(posterior))
     steps = 1e-4 * np.eye(top.size)
