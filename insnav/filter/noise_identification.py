@@ -356,7 +356,7 @@ MOST_REJECTED = 0.3  # least share of accepted fixes; otherwise the gates are wr
 TOO_SMALL = 1.5  # mean normalised squared innovation with specified noise: correct noise gives up to 1.1 [-]
 ENOUGH_FOR_AXES = 900.0  # of the record, if only misalignments are estimated [s]
 WORTH_TURNING = 0.5  # of the attitude uncertainty: larger known effects of misalignment correct the samples
-UNDERSTATED = 2.0  # factor on reported standard deviations from which they are reported as too small [-]
+UNDERSTATED = 2.0  # surely larger factors on reported sds, with their interval, are reported [-]
 NO_NOISE = 10.0  # factor from which this is more than a note on the receiver [-]
 FEET, ALIKE_IN_METRES = (2.7, 4.0), 2.0  # range of the height factor for feet (3.28), least ratio to horizontal
 FACTOR_WORTH = 0.1  # a smaller change of a standard deviation is not reported
@@ -516,22 +516,21 @@ def _without_correlated(notes: tuple[Finding, ...]) -> list[Finding]:
 
 
 def understated(ready: FilterInput, read: GpsData) -> tuple[Finding, ...]:
-    """Report innovations far larger than the reported standard deviations of the fixes `read`."""
+    """Report innovations surely far larger than the reported standard deviations of the fixes `read`."""
     found = ready.noise
     if found is None or not np.isfinite(read.position_sd).all():
         return ()
-    known = bool(np.isfinite(read.velocity_sd).all())
+    sure = {each.key for each in found.figures if each.low >= UNDERSTATED}
     level, height = float(found.position_factor[:2].max()), float(found.position_factor[2])
+    known = bool({"gps.velocity", "gps.vertical_velocity"} & sure) and np.isfinite(read.velocity_sd).all()
     factors: dict[str, Any] = {
-        "position_factor": level,
-        "height_factor": height,
+        "position_factor": level * ("gps.horizontal" in sure),
+        "height_factor": height * ("gps.vertical" in sure),
         "velocity_factor": float(found.velocity_factor.max()) * known,
     }
-    large = {name: factor for name, factor in factors.items() if factor >= UNDERSTATED}
-    if not large:
+    if not (large := {name: factor for name, factor in factors.items() if factor > 0.0}):
         return ()
-    most = max(large.values())
-    code = Code.NOISE_SD_IMPLAUSIBLE if most > NO_NOISE else Code.NOISE_SD_UNDERSTATED
+    code = Code.NOISE_SD_IMPLAUSIBLE if max(large.values()) > NO_NOISE else Code.NOISE_SD_UNDERSTATED
     begin = ready.initial.time
     findings = [Finding.of(code, begin, **large, limit_factor=UNDERSTATED)]
     noisy = np.median(read.position_sd[:, 2]) > CARRIER  # otherwise motion, not noise, has this factor in feet
