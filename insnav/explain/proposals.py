@@ -16,13 +16,14 @@ import numpy as np
 from insnav.explain.kinds import HOUR, RETURN, Kind, cost_of_end
 from insnav.explain.record import LinearRecord, Pass, Step
 from insnav.kernels.linear import gains
-from insnav.types import FloatArray
+from insnav.types import FloatArray, IntArray
 
 SIZES = 10.0 ** np.arange(-2.0, 4.1, 0.5)  # tested variances, relative to the square of the typical size [-]
 REACH = 150.0  # longest tested episode [s]
 SETTLES = 2.0  # least length of an episode, in epochs [-]
 TOPS, APART = 5, 8.0  # number of tested maxima of a gain, and their least distance [s]
 SHORTEST = 5  # interval of noise, in epochs
+NONE = np.empty((0, 2), dtype=np.int64)
 BLOCK = 60.0  # length of the parts of a drive whose largest gains measure the misfit of the model [s]
 MOVING = "offset", "drag", "followed_drag"  # kinds after which the fixes may return
 FEWEST = 4  # least number of parts for quartiles
@@ -36,10 +37,13 @@ class Proposal(NamedTuple):
     steps: tuple[Step, ...]
 
 
-def score_kind(record: LinearRecord, of: Pass, kind: Kind) -> tuple[FloatArray, FloatArray]:
-    """Compute the gain of the best step of one kind before each epoch, and its variance, (m,)."""
+def score_kind(kind: Kind, score: FloatArray, information: FloatArray, interval: float) -> tuple[FloatArray, ...]:
+    """Compute the gain of the best step of one kind before each epoch, and its variance, (m,).
+
+    `score` (m, d), `information` (m, d, d): see `LinearRecord.project`. `interval`: between epochs [s].
+    """
     variances = kind.size**2 * SIZES
-    gain = gains_of(*record.project(of, kind), variances) - kind.cost(variances, record.interval)[:, None]
+    gain = gains_of(score, information, variances) - kind.cost(variances, interval)[:, None]
     gain[:, : int(SETTLES)] = -np.inf
     return gain.max(axis=0), variances[gain.argmax(axis=0)]
 
@@ -85,28 +89,33 @@ def propose(
     kinds: Sequence[Kind],
     known: tuple[Step, ...],
     near: Sequence[int] = (),
-    edges: Sequence[int] = (),
+    *,
+    false: IntArray = NONE,
+    believed: bool = False,
 ) -> list[Proposal]:
     """Propose steps, episodes, intervals of noise and ends in addition to the known faults, the best first.
 
-    `near`: epochs at which episodes begin or end, instead of the maxima of each kind. `edges`: additional such epochs.
+    `near`: epochs at which episodes begin or end, instead of the maxima of each kind. `false` (k, 2): begin and end of
+    long series of false fixes, additional episodes. `believed`: these fixes have weight one. Their errors then spread
+    in the smoothed states, so they are the only intervals of noise.
     """
     found: list[Proposal] = []
     ends = cost_of_end(record.interval)
     for kind in kinds:
         if record.columns(kind).shape[1] == 0:
             continue
+        seen = record.project(of, kind)
         if kind.fills:
-            found += _interval(record, of, kind)
+            found += _interval(record, seen, kind, false if believed else None)
             continue
-        gain_at, variance_at = score_kind(record, of, kind)
+        gain_at, variance_at = score_kind(kind, *seen, record.interval)
         row = int(gain_at.argmax())
         found.append(Proposal(float(gain_at[row]), (Step(kind, row, float(variance_at[row])),)))
         if kind.name == "offset" and any(step.kind.name in MOVING for step in known):
             prior = float(kind.cost(variance_at[row], record.interval)) - ends
             found.append(Proposal(float(gain_at[row]) + prior, (Step(RETURN, row, 0.0),)))
         if kind.passes:
-            pairs = _pairs(record, of, kind, near or (*edges, *_tops(record, gain_at)))
+            pairs = _pairs(record, of, kind, seen, near or (*false[:, 0].tolist(), *_tops(record, gain_at)))
             for begin, end, gain, variance in sorted(pairs, key=lambda pair: -pair[2])[:2]:
                 prior = float(kind.cost(variance, record.interval)) + ends
                 found.append(Proposal(gain - prior, (Step(kind, begin, variance, end),)))
@@ -125,10 +134,15 @@ def _end(record: LinearRecord, of: Pass, known: tuple[Step, ...], number: int, p
     return [Proposal(gain[row], (*known[:number], step.moved(step.begin, row), *known[number + 1 :]))]
 
 
-def _pairs(record: LinearRecord, of: Pass, kind: Kind, tops: Sequence[int]) -> set[tuple[int, int, float, float]]:
-    """Find the best episode from each epoch, by alternating between its end and its begin; gain without prior."""
+def _pairs(
+    record: LinearRecord, of: Pass, kind: Kind, seen: tuple[FloatArray, FloatArray], tops: Sequence[int]
+) -> set[tuple[int, int, float, float]]:
+    """Find the best episode from each epoch, by alternating between its end and its begin; gain without prior.
+
+    `seen`: score and information of a step before each epoch.
+    """
     columns, m, variances = record.columns(kind), record.time.size, kind.size**2 * SIZES
-    score, information = record.project(of, kind)
+    score, information = seen
     reach, prior = max(int(REACH / record.interval), 3), kind.cost(variances, record.interval)[:, None]
 
     @cache
@@ -158,20 +172,22 @@ def _pairs(record: LinearRecord, of: Pass, kind: Kind, tops: Sequence[int]) -> s
     return found
 
 
-def _interval(record: LinearRecord, of: Pass, kind: Kind) -> list[Proposal]:
-    """Propose an interval of noise: for each size, the interval with the largest sum of gains.
+def _interval(
+    record: LinearRecord, seen: tuple[FloatArray, FloatArray], kind: Kind, at: IntArray | None
+) -> list[Proposal]:
+    """Propose the interval of noise with the largest sum of gains, of all intervals or of those `at` given epochs.
 
     The sum treats the steps of all epochs as independent. It only selects the interval to test.
     """
     variances, found = kind.size**2 * SIZES, []
-    for variance, gain in zip(variances, gains_of(*record.project(of, kind), variances), strict=True):
+    for variance, gain in zip(variances, gains_of(*seen, variances), strict=True):
         whole = np.concatenate([[0.0], np.cumsum(gain)])
-        end = int((whole - np.minimum.accumulate(whole)).argmax())
-        begin = int(whole[: end + 1].argmin())
+        last = int((whole - np.minimum.accumulate(whole)).argmax())
         prior = float(kind.cost(variance, record.interval)) + cost_of_end(record.interval)
-        if end > begin + SHORTEST:
-            step = Step(kind, max(begin, 1), float(variance), min(end, record.time.size - 1))
-            found.append(Proposal(float(whole[end] - whole[begin]) - prior, (step,)))
+        for begin, end in [(int(whole[: last + 1].argmin()), last)] if at is None else at.tolist():
+            if end > begin + SHORTEST:
+                step = Step(kind, max(begin, 1), float(variance), min(end, record.time.size - 1))
+                found.append(Proposal(float(whole[end] - whole[begin]) - prior, (step,)))
     return sorted(found, key=lambda each: -each.gain)[:1]
 
 

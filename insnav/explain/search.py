@@ -24,13 +24,14 @@ from insnav.types import BoolArray, FloatArray
 ACCEPT = 6.0  # gain below which two explanations count as equal: the error of the approximate evidence [-]
 GRADUATED = (300.0, 100.0, 30.0, 10.0, 3.0, 1.0)  # divisors of the squared residuals, from first to last pass
 AGAIN = (1.0,) * 4  # divisors for a fit that changes little
+CONVERGED = (1.0,) * 24  # the same, until the cost no longer decreases
+SLOW = ACCEPT / len(AGAIN)  # decrease of the cost in a pass below which a fit ends [-]
 # logarithms of noise factors for additional proposals: the noise of the IMU may mask faults
 QUIET = np.array([0.0, 0.0, -0.7, 0.0, 0.0])
 TRIED = 4  # proposals tested in a round
 SOON = 60.0  # steps within a minute may be begin and end of one fault, see `insnav.explain.kinds.ENDS` [s]
 ALONE = 2  # largest number of successive false fixes that need no fault
 WEAK = 0.3  # weight below which a fix counts as false [-]
-ROUNDS = 6  # fits until the cost no longer decreases
 SIZE_RANGE = np.array([1e-6, 1e6])  # limits of a variance, relative to the typical one: the prior costs 33 there [-]
 FEWEST = 20  # epochs with a fix that a search needs
 BUDGET = 600  # passes over a part of a drive
@@ -95,7 +96,9 @@ class _Searcher:
         return seen.cost + priors if seen.is_finite else np.inf
 
     def settle(self, start: Fit, steps: tuple[Step, ...], strictness: Sequence[float] = AGAIN) -> Fit:
-        """Fit weights, sizes of faults and noise figures, starting from another fit.
+        """Fit weights, sizes of faults and noise figures, starting from another fit, until the cost decreases slowly.
+
+        Divisors above every mean squared residual leave the weights nearly equal, and are left out.
 
         Broyden, Fletcher, Goldfarb, Shanno: J. Nocedal, S. J. Wright, Numerical Optimization, 2nd ed., 2006, eq. 6.19.
         """
@@ -104,6 +107,8 @@ class _Searcher:
         for divided in strictness:
             if not np.isfinite(fit.cost):
                 return fit
+            if divided > max(1.0, (fit.seen.squares / WEIGHTED).max()):
+                continue
             weights = np.minimum((TAILS + WEIGHTED) / (TAILS + fit.seen.squares / divided), LEAST)
             steps = tuple(sized(self.record, fit.seen, step) for step in fit.steps)
             noise = fit.noise.tuned(fit.seen.slope, fit.curve) if divided == 1.0 else fit.noise
@@ -116,17 +121,12 @@ class _Searcher:
                 curve = curve + np.outer(change, change) / (moved @ change) - np.outer(along, along) / (moved @ along)
             new = Fit(steps, weights, noise, self.cost(seen, steps, weights, noise), seen, curve)
             # a step that is too long only improves the curvature
-            fit = new if divided > 1.0 or new.cost < fit.cost + ACCEPT else replace(fit, curve=curve)
+            gain = fit.cost - new.cost
+            fit = new if divided > 1.0 or gain > -ACCEPT else replace(fit, curve=curve)
+            if divided == 1.0 and 0.0 <= gain < SLOW:
+                break
         steps, seen = fit.steps, fit.seen
         self.fits[steps] = replace(fit, seen=seen.bare())
-        return fit
-
-    def converge(self, fit: Fit) -> Fit:
-        """Repeat a fit until its cost no longer decreases: a gain by the noise must not count as a gain of a fault."""
-        for _ in range(ROUNDS):
-            before, fit = fit.cost, self.settle(fit, fit.steps)
-            if not fit.cost < before - ACCEPT:
-                break
         return fit
 
     def proposals(self, fit: Fit) -> list[tuple[Proposal, Fit]]:
@@ -134,7 +134,7 @@ class _Searcher:
         quiet = fit.noise.moved(np.minimum(0.0, QUIET - fit.noise.figures) * (QUIET < 0.0))
         ways = [(fit.weights, fit.noise), (believed(fit.weights, self.record.known), fit.noise), (fit.weights, quiet)]
         rows = runs_of(np.asarray(false_for_long(fit.weights, self.record.known).any(axis=1)))
-        edges = rows[np.argsort(rows[:, 0] - rows[:, 1], kind="stable")[:TOPS], 0]  # of the longest
+        longest = rows[np.argsort(rows[:, 0] - rows[:, 1], kind="stable")[:TOPS]]
         found = []
         for number, (weights, noise) in enumerate(ways):
             if number and np.allclose(weights, fit.weights, atol=0.75) and noise == fit.noise:
@@ -146,7 +146,7 @@ class _Searcher:
             less = here.cost - fit.cost  # loss by the changed weights or noise
             found += [
                 (each._replace(gain=each.gain - less), here)
-                for each in propose(self.record, seen, self.kinds, fit.steps, edges=edges.tolist())
+                for each in propose(self.record, seen, self.kinds, fit.steps, false=longest, believed=number == 1)
             ]
         return sorted(found, key=lambda each: -each[0].gain)
 
@@ -160,9 +160,8 @@ class _Searcher:
                 continue
             forms.add(form)
             added = with_known(proposal, fit.steps)
-            trial = self.settle(start, added)
-            if any(step.kind.fills for step in added):  # a variance: no Gauss-Newton step, so slower
-                trial = self.converge(trial)
+            slow = any(step.kind.fills for step in added)  # a variance: no Gauss-Newton step
+            trial = self.settle(start, added, CONVERGED if slow else AGAIN)
             trials[len(considered)] = trial
             new = tuple(step for step in added if step not in fit.steps)
             considered.append(Considered(new, proposal.gain, fit.cost - trial.cost, accepted=False))
@@ -248,7 +247,7 @@ def search(
     like, steps = known.best if known else like, known.best.steps if known else ()
     noise, curve = (like.noise, like.curve) if like else (Noise(), np.diag(curve))
     start = Fit(steps, weights, noise, np.inf, searcher.look(steps, weights, noise), curve)
-    fit = searcher.converge(searcher.settle(start, steps, GRADUATED))
+    fit = searcher.settle(start, steps, GRADUATED + CONVERGED)
     plain = fit.cost
     if known and not np.isfinite(fit.cost):
         return search(record, kinds)
