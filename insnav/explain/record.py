@@ -331,8 +331,10 @@ class LinearRecord:
         """Compute score (m, d) and information (m, d, d) of a step of one kind before each epoch."""
         columns = self.columns(kind)
         rows = np.flatnonzero(columns.any(axis=1))
-        by = columns[rows]
-        return of.scores[0][:, rows] @ by, np.asarray(by.T @ of.scores[1][:, rows[:, None], rows] @ by)
+        by, score, information = columns[rows], of.scores[0][:, rows], of.scores[1][:, rows[:, None], rows]
+        if np.array_equal(by, np.eye(rows.size)):  # each column is a state: no products of small matrices
+            return score, information
+        return score @ by, np.asarray(by.T @ information @ by)
 
     def columns(self, kind: Kind) -> FloatArray:
         """Build the effect of each column of a kind on the states, (n, d); (n, 0) if the record lacks the states."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -12,8 +12,9 @@ from insnav.earth import OMEGA_EARTH, gravity_n
 from insnav.filter.receiver import Receiver
 from insnav.findings import Code
 from insnav.imu.specification import ImuSpec, SensorSpec, level_bias, noise_of, noise_of_both
+from insnav.kernels.epoch import ARM, FURTHER
 from insnav.kernels.errorstate import STATES
-from insnav.types import Alignment, FloatArray
+from insnav.types import Alignment, FloatArray, IntArray
 
 # Misalignment is not a state: most of it appears as scale factor or bias. The remainder makes angle and velocity errors
 # proportional to rate and acceleration, as noise: their squares times the length of a manoeuvre [s].
@@ -70,13 +71,16 @@ class FilterState:
     time: float  # [s]
     x: FloatArray  # (10,) position, velocity, quaternion; see `insnav.kernels.mechanization`
     correction: FloatArray  # (12,) estimated sensor errors; see `insnav.kernels.errorstate`
-    delay: float  # estimated GPS delay, in addition to the specified delay [s]
-    lag: float  # of velocities behind positions [s]
-    correlated: FloatArray  # (3,) estimated time-correlated GPS position error, North, East, Down [m]
     lever_b: FloatArray  # (3,) antenna seen from the IMU, body axes [m]
-    shaken_b: FloatArray  # (3,) additional lever arm by which vibration moves the antenna, for the receiver [m]
+    further: FloatArray  # values of the other state blocks, in their order
     motion: FloatArray  # (6,) body rate [rad/s] and acceleration in n [m/s^2]
     covariance: FloatArray  # (n, n) of the error states
+
+    def replace_further(self, place: int | slice, value: float) -> FilterState:
+        """Copy with another value at a place of `insnav.kernels.epoch`, such as `epoch.DELAY`."""
+        estimated = np.concatenate([np.zeros(FURTHER), self.further])
+        estimated[place] = value
+        return replace(self, further=estimated[FURTHER:])
 
 
 def _bias(sensor: SensorSpec, turn_on: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -161,47 +165,76 @@ def initial_state(
     return InitialState(alignment.time, lla, v_n, alignment.rph, seen * alignment.gyro_bias, p, own, from_fix)
 
 
+@dataclass(frozen=True, slots=True)
+class StateBlock:
+    """Group of states after those of `insnav.kernels.errorstate`, or known values in their place.
+
+    The derivatives of a fix by these states are in `insnav.kernels.measurements.assess`.
+    """
+
+    name: str
+    value: FloatArray  # (k,) at the start
+    sd: FloatArray  # (k,) of its error at the start; empty for known values
+    time: FloatArray = field(default_factory=lambda: np.empty(0))  # (k,) correlation times [s]; empty for constants
+
+
+def blocks_of(receiver: Receiver) -> tuple[StateBlock, ...]:
+    """List the state blocks for a receiver, in the order of `insnav.kernels.epoch.BLOCKS`.
+
+    States after the delay need its place, if only as a known zero.
+    """
+    arm, noise = receiver.lever_arm, receiver.correlated
+    swings = arm.shaken > 0.0 and (arm.sd > 0.0 or arm.value.any())
+    correlated = () if noise is None else (noise.sds, noise.times)
+    after = (
+        # time-correlated errors of positions, and of velocities if modelled
+        StateBlock("correlated", np.zeros(6), *(correlated or (np.empty(0),))),
+        StateBlock("lever", arm.value, _sd_of(arm.sd, 3)),
+        # A receiver measures velocity over its own 20 to 200 ms, and vibration of the IMU need not move the antenna.
+        # In addition to the lever arm.
+        StateBlock("shaken", arm.value, _sd_of(arm.shaken * swings, 3)),
+        StateBlock("lag", np.full(1, receiver.lag.value), _sd_of(receiver.lag.sd, 1)),
+    )
+    needed = receiver.delay.sd > 0.0 or any(block.sd.size for block in after)
+    return StateBlock("delay", np.zeros(1), np.full(1, receiver.delay.sd)[: int(needed)]), *after
+
+
+def _sd_of(sd: float, size: int) -> FloatArray:
+    return np.full(size if sd > 0.0 else 0, sd)
+
+
 class Layout(NamedTuple):
-    """Number of states, and the first index of each optional group; -1 if absent."""
+    """Number of states, their blocks, and the first index of each block; -1 if its values are known."""
 
     states: int
+    blocks: tuple[StateBlock, ...]
     delay: int
     correlated: int
-    """States of the time-correlated GPS error: three of position, and three of velocity if modelled."""
     lever: int
-    """Three states of the lever arm, body axes."""
     shaken: int
-    """Three states of the lever arm by which vibration moves the antenna for the receiver.
-
-    A receiver measures velocity over its own 20 to 200 ms, and vibration of the IMU need not move the antenna.
-    """
     lag: int
-    """Of the velocities of fixes behind their positions."""
 
     @property
     def has_arm(self) -> bool:
         """Return whether turns determine an estimated lever arm."""
         return self.lever >= 0 or self.shaken >= 0
 
+    @property
+    def places(self) -> IntArray:
+        """Build the table of the blocks for `insnav.kernels.epoch.take`, (k, 3)."""
+        place, rows = FURTHER, []
+        for block, first in zip(self.blocks, self[2:], strict=True):
+            rows.append((first, ARM.start if block.name == "lever" else place, block.sd.size))
+            place += block.value.size * (block.name != "lever")
+        return np.array(rows)
+
 
 def layout(receiver: Receiver) -> Layout:
-    """Lay out the states for a receiver; states after the delay need its place, if only as a known zero."""
-    lever_arm = receiver.lever_arm
-    swings = lever_arm.shaken > 0.0 and (lever_arm.sd > 0.0 or lever_arm.value.any())
-    more = receiver.correlated is not None or lever_arm.sd > 0.0 or receiver.lag.sd > 0.0 or swings
-    if not more and receiver.delay.sd <= 0.0:
-        return Layout(STATES, -1, -1, -1, -1, -1)
-    count = STATES + 1
-    correlated = lever = shaken = lag = -1
-    if receiver.correlated is not None:
-        correlated, count = count, count + receiver.correlated.sds.size
-    if lever_arm.sd > 0.0:
-        lever, count = count, count + 3
-    if swings:
-        shaken, count = count, count + 3
-    if receiver.lag.sd > 0.0:
-        lag, count = count, count + 1
-    return Layout(count, STATES, correlated, lever, shaken, lag)
+    """Lay out the states for a receiver."""
+    blocks = blocks_of(receiver)
+    ends = np.cumsum([STATES, *(block.sd.size for block in blocks)]).tolist()
+    firsts = {block.name: first if block.sd.size else -1 for block, first in zip(blocks, ends[:-1], strict=True)}
+    return Layout(ends[-1], blocks, **firsts)
 
 
 def first_state(start: InitialState, receiver: Receiver) -> FilterState:
@@ -209,18 +242,12 @@ def first_state(start: InitialState, receiver: Receiver) -> FilterState:
     at = layout(receiver)
     covariance = np.zeros((at.states, at.states))
     covariance[:STATES, :STATES] = start.covariance
-    if at.delay >= 0:
-        covariance[at.delay, at.delay] = receiver.delay.sd**2
-    if receiver.correlated is not None:
-        reset_correlated(covariance, at.correlated, receiver.correlated.sds)
-    arms = [slice(first, first + 3) for first in (at.lever, at.shaken) if first >= 0]
-    for part in arms:
-        for other in arms:
-            covariance[part, other] = receiver.lever_arm.sd**2 * np.eye(3)
-    if at.shaken >= 0:
-        covariance[part, part] += receiver.lever_arm.shaken**2 * np.eye(3)
-    if at.lag >= 0:
-        covariance[at.lag, at.lag] = receiver.lag.sd**2
+    own = np.concatenate([block.sd for block in at.blocks])
+    covariance[STATES:, STATES:] = np.diag(own**2)
+    if at.shaken >= 0 and at.lever >= 0:
+        by = np.eye(at.states)
+        by[at.shaken : at.shaken + 3, at.lever : at.lever + 3] = np.eye(3)
+        covariance = by @ covariance @ by.T
     if start.from_fix and at.delay >= 0:
         if receiver.correlated is not None:
             cross_covariance(covariance, at.correlated, receiver.correlated.sd)
@@ -228,9 +255,8 @@ def first_state(start: InitialState, receiver: Receiver) -> FilterState:
         covariance = by @ covariance @ by.T
     x = np.concatenate([start.lla, start.v_n, quat_from_rph(start.rph)])
     correction = np.concatenate([start.gyro_bias, np.zeros(9)])
-    levers = receiver.lever_arm.value.copy(), receiver.lever_arm.value.copy()
-    lasting = np.zeros(3 if receiver.correlated is None else receiver.correlated.sds.size)
-    return FilterState(start.time, x, correction, 0.0, receiver.lag.value, lasting, *levers, np.zeros(6), covariance)
+    further = np.concatenate([block.value for block in at.blocks if block.name != "lever"])
+    return FilterState(start.time, x, correction, receiver.lever_arm.value.copy(), further, np.zeros(6), covariance)
 
 
 def set_to_fix(at: Layout, v_n: FloatArray, c: FloatArray) -> FloatArray:

@@ -140,7 +140,7 @@ class Estimate:
 
     `all` is the array of all estimates, see `insnav.kernels.epoch`. Parts of it: `x`, `correction`, `motion`, `shaken`,
     `lever` (3,) [m] and `delay` [s]. `doubt` limits the certainty of the delay, see there. `at` holds the state
-    indices, `places` adds the number of time-correlated states. `span` (1,): time since the last epoch [s]. `history`:
+    indices, `places` those of the further blocks. `span` (1,): time since the last epoch [s]. `history`:
     for the smoother. `note` records an event. `coast`: longest time between filter epochs [s].
     """
 
@@ -148,26 +148,28 @@ class Estimate:
         receiver, alignment, explained = ready.receiver, ready.alignment, ready.explained
         self.at, self._coast = layout(receiver), coast
         n = self.at.states
-        self.all = np.zeros(epoch.ESTIMATED)
-        self.x, self.correction, self.motion, self.lasting, self.shaken = (
-            self.all[part] for part in (epoch.STATE, epoch.CORRECTION, epoch.MOTION, epoch.LASTING, epoch.SHAKEN)
+        self.all = np.zeros(epoch.FURTHER + start.further.size)
+        self.x, self.correction, self.motion, self.shaken, self.arm, self._swung = (
+            self.all[part]
+            for part in (epoch.STATE, epoch.CORRECTION, epoch.MOTION, epoch.SHAKEN, epoch.ARM, epoch.SWUNG)
         )
-        self.arm, self._swung, self._clock = (self.all[part] for part in (epoch.ARM, epoch.SWUNG, epoch.CLOCK))
         self.x[:], self.correction[:], self.motion[:] = start.x, start.correction, start.motion
         self.all[epoch.BEGAN] = self.x[3:5]
-        self.arm[:3], self.shaken[:], self._clock[:] = start.lever_b, start.shaken_b, (start.delay, start.lag)
-        self.lasting = self.lasting[: start.correlated.size]
-        self.lasting[:] = start.correlated
-        self.lever, self.span, self.places = self.arm[:3], np.zeros(1), np.array([*self.at, self.lasting.size])
+        self.arm[:3], self.all[epoch.FURTHER :] = start.lever_b, start.further
+        self.lever, self.span, self.places = self.arm[:3], np.zeros(1), self.at.places
         self._seen = self.x, self.correction, self.arm
         self.history = History(n) if ready.output.smooth else None
         self._engine = Engine(start.covariance)
         self._note, self._lever_given, self._gps_noise = note, receiver.lever_arm.value, receiver.correlated
         self._settled, self.doubt = receiver.delay.settled, np.array([receiver.delay.least_sd, receiver.delay.shown])
-        self._lasting_sd = self._lasting_time = np.empty(0)
-        if self._gps_noise is not None:
-            self._lasting_sd, self._lasting_time = self._gps_noise.sds, self._gps_noise.times
-            self._lasting = slice(self.at.correlated, self.at.correlated + self._lasting_sd.size)
+        fading = [block.time.size > 0 for block in self.at.blocks]
+        self._fading = np.array(
+            [[first + i, place + i] for first, place, size in self.places[fading] for i in range(size)], dtype=np.int64
+        ).reshape(-1, 2)
+        self._fading_sd, self._fading_time = (
+            np.concatenate([getattr(block, name) for block in self.at.blocks if block.time.size > 0] or [np.empty(0)])
+            for name in ("sd", "time")
+        )
         self._carried = errorstate.Carried(self.x, self.correction, self.motion, np.zeros(errorstate.SUMS), self.span)
         self._phi, self._q, self._unity = np.eye(n), np.zeros((n, n)), np.eye(n)
         self._work = errorstate.scratch()
@@ -195,7 +197,7 @@ class Estimate:
     @property
     def delay(self) -> float:
         """Delay of the fixes in addition to the specified delay [s]."""
-        return float(self._clock[0])
+        return float(self.all[epoch.DELAY])
 
     @property
     def covariance_now(self) -> FloatArray:
@@ -222,13 +224,13 @@ class Estimate:
 
     def kept(self, time: float) -> FilterState:
         """Copy the whole state, to continue from."""
-        levers, phi = (self.lever, self.shaken), self._unity.copy()
+        phi = self._unity.copy()
         epoch.turn(phi, self.all.copy())
         if self.at.lever >= 0:
             phi[:3, self.at.lever : self.at.lever + 3] = -self.arm[3:].reshape(3, 3)
             swing(phi, self._swung.copy())
         p = phi @ self.covariance @ phi.T
-        state = (self.x, self.correction, *self._clock.tolist(), self.lasting, *levers, self.motion, p)
+        state = self.x, self.correction, self.lever, self.all[epoch.FURTHER :], self.motion, p
         return FilterState(time, *deepcopy(state))
 
     def propagate(
@@ -255,12 +257,12 @@ class Estimate:
         """Propagate the covariance to `time`: a filter epoch."""
         if abs(self.x[0]) > NEXT_TO_POLE:
             raise InputError("filter.at_pole", where=f"t = {time:.3f} s")
-        at, times, sds = self.at.correlated, self._lasting_time, self._lasting_sd
-        for rough in self._rough if sds.size else ():
+        times, sds = self._fading_time, self._fading_sd
+        for rough in self._rough if self._gps_noise is not None else ():
             times, sds = rough.drive(time, times, sds)
         epoch.turn(self._phi, self.all)
         epoch.not_linear(self._q, self.all, self.covariance)
-        epoch.fade(self.all, at, times, sds, self._phi, self._q, self.span)
+        epoch.fade(self.all, self._fading, times, sds, self._phi, self._q, self.span)
         while self._rounding and self._rounding[0].time <= time + TIME_TOLERANCE:
             self._round(self._rounding.pop(0))
         while self._changes and self._changes[0].time <= time + TIME_TOLERANCE:
@@ -350,8 +352,7 @@ class Estimate:
         phi[sensors, sensors] = np.diag(fade)
         grown = np.where(decay > 0.0, (1.0 - fade**2) / np.where(decay > 0.0, 2.0 * decay, 1.0), span)
         q[sensors, sensors] = np.diag(driving * grown)
-        if self._gps_noise is not None:
-            phi[self._lasting] = 0.0
+        phi[self._fading[:, 0]] = 0.0
         p = phi @ self.covariance @ phi.T + q
         phi[:NAV, sensors] = across.slope * fade
         p[:NAV, NAV:] = across.slope @ p[sensors, NAV:]
@@ -379,9 +380,9 @@ class Estimate:
         self.all[epoch.CORRECTED] = self.all[epoch.TURNED] = self.all[epoch.SQUARES] = 0.0
         self.all[epoch.BEGAN] = self.x[3:5]
         if self._gps_noise is not None:
-            reset_correlated(p, self.at.correlated, self._lasting_sd)
-            cross_covariance(p, self.at.correlated, self._lasting_sd)
-            self.lasting[:] = 0.0
+            reset_correlated(p, self.at.correlated, self._gps_noise.sds)
+            cross_covariance(p, self.at.correlated, self._gps_noise.sds)
+            self.all[epoch.LASTING] = 0.0
         self._engine.replace_covariance(p)
 
     def _note_repair(self, time: float, repaired: bool) -> None:

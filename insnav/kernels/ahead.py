@@ -85,6 +85,7 @@ def _kernels() -> tuple[tuple[tuple[Any, ...], ...], ...]:
     d: Any = types.float64
     i, flag = types.int64, types.boolean
     d1, d2, d3, d4, i1 = d[::1], d[:, ::1], d[:, :, ::1], d[:, :, :, ::1], i[::1]
+    i2: Any = i[:, ::1]
     propagation = (
         *(i, i, flag),
         *(d1, d1, d2, d2, d2, d2, d1),
@@ -92,7 +93,7 @@ def _kernels() -> tuple[tuple[tuple[Any, ...], ...], ...]:
         *(*4 * [d1], d2, d2, d2, d1, d1, i1, d1, d1, d2, i1, d2),
         (d2, d2, d2, d1, d2, d2, d1, d2),
     )
-    assessment = (d1, d2, d1, *4 * [d2], i, flag, d, d, d, i1, d1, d2, d2, d2, d1)
+    assessment = (d1, d2, d1, *4 * [d2], i, flag, d, d, d, i2, d1, d2, d2, d2, d1)
     system, measured, kept = (d1, d3, d2, d3, d2, i1), (d2, d3, d2, d2), (d2, d2, d3, i1, d2, d3)
     run = (d1, i1, d3, d4, d2, d2, d2, d3, d2, d3, d2, d3)
     return (
@@ -101,7 +102,7 @@ def _kernels() -> tuple[tuple[tuple[Any, ...], ...], ...]:
             (alignment.window_histories, d1, d2, d2, i1, d3),
             (alignment.gyro_history, d1, d1, d1, d2, d2, d2, d2),
             *((smoother.correct, d1, d2, d1, d2, d2), (errorstate.feed_back, d1, d1, d1)),
-            (epoch.take, *3 * [d1], i1, flag),
+            (epoch.take, *3 * [d1], i2, flag),
         ),
         (
             (smoother.backward, d2, i, d, d1, d2, d2, d2, d3, d2, d2),
@@ -135,7 +136,7 @@ def _kernels() -> tuple[tuple[tuple[Any, ...], ...], ...]:
         ((alignment.window_scatter, d1, d2, d2, flag, *4 * [i], d3, d2),),
         ((smoother.keep_measurement, d1, i, i, d1, d2, d2), (increments.split, d1, d1, i, i, d1, d, i1, d1, d1)),
         ((measurements.measurement_fault, d1, d2, d2), (measurements.fault_of, d2, d1)),
-        ((epoch.fade, d1, i, d1, d1, d2, d2, d1), (epoch.note_epoch, d1, d, *3 * [d1], d2)),
+        ((epoch.fade, d1, i2, d1, d1, d2, d2, d1), (epoch.note_epoch, d1, d, *3 * [d1], d2)),
         ((epoch.felt, d1, *4 * [d2], i, d, flag, flag, d1), (epoch.turn, d2, d1), (epoch.not_linear, d2, d1, d2)),
         ((epoch.beyond_linear, d1, d, d), (epoch.count_tilt, d1, d, d)),
     )

@@ -1,6 +1,7 @@
 """Filter epoch: the operations before and after the predict and the update of the filter, one call each.
 
-`estimated` (67,) is the state of the filter besides its covariance: the slices `STATE` to `TILTED`.
+`estimated` (n,) is the state of the filter besides its covariance: the slices `STATE` to `TILTED`, then the values of
+the further state blocks, see `insnav.filter.error_model.StateBlock`.
 """
 
 from __future__ import annotations
@@ -25,14 +26,16 @@ MOST_CORRECTED = 0.3  # velocity noise does not exceed this [m/s]
 STATE, CORRECTION, MOTION = slice(0, 10), slice(10, 22), slice(22, 28)
 CORRECTED = slice(28, 31)  # velocity corrections within `SHOWN_BY_IMU` [m/s]
 ARM, SWUNG = slice(31, 43), slice(43, 46)  # see `insnav.kernels.measurements.correct_with_arm`
-SHAKEN, CLOCK = slice(46, 49), slice(49, 51)  # [m]; delay, and lag of velocities behind positions [s]
-LASTING = slice(51, 57)  # time-correlated errors of fixes [m], [m/s]
-TURNED = 57  # heading change by corrections since the last epoch [rad]
-BEGAN = slice(58, 60)  # horizontal velocity at the start of the span since the last epoch [m/s]
-SQUARES = slice(60, 63)  # see `beyond_linear`
-TILTED = slice(63, 67)  # sum of tilt corrections N, E [rad]; its largest square, and the squares counted [rad^2]
+TURNED = 46  # heading change by corrections since the last epoch [rad]
+BEGAN = slice(47, 49)  # horizontal velocity at the start of the span since the last epoch [m/s]
+SQUARES = slice(49, 52)  # see `beyond_linear`
+TILTED = slice(52, 56)  # sum of tilt corrections N, E [rad]; its largest square, and the squares counted [rad^2]
 TO_AND_FRO = 5.0  # limit of the squared tilt corrections, relative to the largest squared sum: more is noise [-]
-ESTIMATED = 67
+FURTHER = 56  # first value of the further blocks
+# of each further block: its row in a table `places` (k, 3) of first state (-1: known), first value and number of states
+DELAYED, CORRELATED, LEVER, SWINGING, LAGGED = range(5)
+DELAY, LASTING = 56, slice(57, 63)  # delay [s]; time-correlated errors of fixes [m], [m/s]
+SHAKEN, LAG = slice(63, 66), 66  # arm by which vibration moves the antenna [m]; lag of velocities behind positions [s]
 # Columns of a row for each fix: time, delay [s], NIS of position and velocity, use flags, innovation (predicted minus
 # measured) [m], [m/s]. Then: its standard deviation, state and motion, sensor errors, their variances, and covariance
 # (9, 9) at fix time
@@ -48,7 +51,7 @@ def least_delay_sd(estimated, doubt):  # type: ignore[no-untyped-def]
     `doubt` (2,): lower limit from the scatter between parts of the record, 0 for the filter's own value. Then the delay
     by the search [s]; the filter's own delay may differ from it.
     """
-    return max(doubt[0], abs(estimated[CLOCK][0] - doubt[1])) if doubt[0] > 0.0 else 0.0
+    return max(doubt[0], abs(estimated[DELAY] - doubt[1])) if doubt[0] > 0.0 else 0.0
 
 
 @njit(cache=True)
@@ -118,16 +121,16 @@ def not_linear(q, estimated, p):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True)
-def fade(estimated, at, times, sds, phi, q, span):  # type: ignore[no-untyped-def]
+def fade(estimated, fading, times, sds, phi, q, span):  # type: ignore[no-untyped-def]
     """Decay the time-correlated states over `span` (1,) [s] and apply the antenna swing, before a predict.
 
-    `estimated` (67,). `at`: first state of the time-correlated errors of fixes. `times`, `sds`: their correlation times
-    [s] and standard deviations, (0,) where there are none. `phi`, `q` (n, n): transition and noise.
+    `fading` (k, 2): state and value of each time-correlated error. `times`, `sds` (k,): correlation times [s] and
+    standard deviations. `phi`, `q` (n, n): transition and noise.
     """
-    lasting, corrected, swung = estimated[LASTING], estimated[CORRECTED], estimated[SWUNG]
+    corrected, swung = estimated[CORRECTED], estimated[SWUNG]
     for i in range(times.shape[0]):
-        kept, k = np.exp(-span[0] / times[i]), at + i
-        lasting[i] *= kept
+        kept, k = np.exp(-span[0] / times[i]), fading[i, 0]
+        estimated[fading[i, 1]] *= kept
         phi[k, k], q[k, k] = kept, (1.0 - kept * kept) * sds[i] ** 2
     kept, moved = np.exp(-span[0] / SHOWN_BY_IMU), False
     for i in range(3):
@@ -141,7 +144,7 @@ def fade(estimated, at, times, sds, phi, q, span):  # type: ignore[no-untyped-de
 def predicted(row, time, estimated, doubt, p, phi, q, span, before):  # type: ignore[no-untyped-def]
     """Store the epoch in `row` of the history, unless empty, and begin a new epoch, after a predict to `time` [s].
 
-    `estimated` (67,). `doubt`: see `least_delay_sd`. `p` (n, n): covariance. `phi`, `q`, `span`: see `fade`. The
+    `doubt`: see `least_delay_sd`. `p` (n, n): covariance. `phi`, `q`, `span`: see `fade`. The
     variances fill `before` (12,), see `insnav.kernels.errorstate.variances`.
     """
     variances(less_sure(p, least_delay_sd(estimated, doubt)), estimated[STATE], before)
@@ -155,7 +158,7 @@ def predicted(row, time, estimated, doubt, p, phi, q, span, before):  # type: ig
 def felt(estimated, rates, forces, swings, older, number, late, has_arm, stays, motion):  # type: ignore[no-untyped-def]
     """Fill `motion` (25,) of `insnav.kernels.measurements.Predicted` for a fix, except its noise limits.
 
-    `estimated` (67,). For each of the next fixes, including sensor errors: `rates` (k, 3): mean body rate [rad/s].
+    For each of the next fixes, including sensor errors: `rates` (k, 3): mean body rate [rad/s].
     `forces` (k, 3): mean specific force [m/s^2]. `swings` (k, 3): rate at the time of the velocity. `older` (k, 6):
     angle and velocity increment since then [rad], [m/s], for older velocities. `number`: row of these. `late`: age of
     the velocity [s]. `stays`: treat all rotation as noise.
@@ -185,39 +188,36 @@ def felt(estimated, rates, forces, swings, older, number, late, has_arm, stays, 
 
 @njit(cache=True)
 def assess_fix(  # type: ignore[no-untyped-def]
-    estimated, p, motion, lla, v_n, position_sd, velocity_sd, row, own, late, jitter, share, at, z, h, r, s, sd
+    estimated, p, motion, lla, v_n, position_sd, velocity_sd, row, own, late, jitter, share, places, z, h, r, s, sd
 ):
     """Assess row `row` of the fixes: `insnav.kernels.measurements.assess` with plain arrays.
 
-    `own`: the fix has its own time-correlated errors. `late`: age of its velocity [s]. `at` (7,):
-    `insnav.filter.error_model.Layout`, and the number of time-correlated errors.
+    `own`: the fix has its own time-correlated errors. `late`: age of its velocity [s]. `places`: see `DELAYED`.
     """
-    clock, lasting = estimated[CLOCK], estimated[LASTING][: at[6]]
-    correlated, lever, shaken, lag = at[2], at[3], at[4], at[5]
+    lasting = estimated[LASTING][: places[CORRELATED, 2]]
     return assess(
-        Predicted(estimated[STATE], motion, estimated[ARM], estimated[SHAKEN], lasting, clock[0], p),
+        Predicted(estimated[STATE], motion, estimated[ARM], estimated[SHAKEN], lasting, estimated[DELAY], p),
         Fix(lla[row], v_n[row], position_sd[row], velocity_sd[row]),
-        clock[1] - late if own else 0.0,
+        estimated[LAG] - late if own else 0.0,
         jitter,
         share,
-        correlated if own else -1,
-        lever,
-        shaken,
-        lag if own else -1,
+        places[CORRELATED, 0] if own else -1,
+        places[LEVER, 0],
+        places[SWINGING, 0],
+        places[LAGGED, 0] if own else -1,
         Assessment(z, h, r, s, sd),
     )
 
 
 @njit(cache=True)
-def take(row, estimated, error, at, settled):  # type: ignore[no-untyped-def]
+def take(row, estimated, error, places, settled):  # type: ignore[no-untyped-def]
     """Subtract the estimated error (n,) from the state (closed loop), after an update, and store the state in `row`.
 
-    `estimated` (67,). `at`: see `assess_fix`. `settled`: the delay of the fixes is known, see
+    `places`: see `DELAYED`. `settled`: the delay of the fixes is known, see
     `insnav.kernels.measurements.correct_with_arm`.
     """
     x, correction, arm, corrected = estimated[STATE], estimated[CORRECTION], estimated[ARM], estimated[CORRECTED]
-    vibrating, clock, lasting = estimated[SHAKEN], estimated[CLOCK], estimated[LASTING]
-    delay, correlated, lever, shaken, lag = at[1], at[2], at[3], at[4], at[5]
+    lever = places[LEVER, 0]
     if lever >= 0 and settled:
         for i in range(3):
             corrected[i] -= x[3 + i]
@@ -239,14 +239,9 @@ def take(row, estimated, error, at, settled):  # type: ignore[no-untyped-def]
     counted = count_tilt(tilted, error[6], error[7])
     squares[1] += counted
     squares[2] += counted * accel
-    if delay >= 0:
-        clock[0] -= error[delay]
-    if lag >= 0:
-        clock[1] -= error[lag]
-    for i in range(at[6] if correlated >= 0 else 0):
-        lasting[i] -= error[correlated + i]
-    for i in range(3 if shaken >= 0 else 0):
-        vibrating[i] -= error[shaken + i]
+    for block in range(places.shape[0]):
+        for i in range(places[block, 2] if block != LEVER else 0):
+            estimated[places[block, 1] + i] -= error[places[block, 0] + i]
     if row.shape[0] > 0:
         keep_state(row, x, correction, arm)
 
@@ -254,7 +249,7 @@ def take(row, estimated, error, at, settled):  # type: ignore[no-untyped-def]
 @njit(cache=True)
 def note_epoch(row, time, before, estimated, doubt, p):  # type: ignore[no-untyped-def]
     """Fill `row` (26,): time [s], variances before and after the measurements of an epoch, and delay [s]."""
-    row[0], row[25] = time, estimated[CLOCK][0]
+    row[0], row[25] = time, estimated[DELAY]
     for i in range(12):
         row[1 + i] = before[i]
     variances(less_sure(p, least_delay_sd(estimated, doubt)), estimated[STATE], row[13:25])
@@ -266,7 +261,7 @@ def note_fix(row, time, z, sd, nis_position, nis_velocity, position, velocity, e
     x, motion, correction = estimated[STATE], estimated[MOTION], estimated[CORRECTION]
     nis, use, state, innovation = row[FIX_NIS], row[FIX_USE], row[FIX_STATE], row[FIX_INNOVATION]
     deviation, sensor, variance = row[FIX_SD], row[FIX_SENSOR], row[FIX_VARIANCE]
-    row[FIX_TIME], row[FIX_DELAY] = time, estimated[CLOCK][0]
+    row[FIX_TIME], row[FIX_DELAY] = time, estimated[DELAY]
     nis[0], nis[1], use[0], use[1] = nis_position, nis_velocity, position, velocity
     for k in range(6):
         innovation[k], deviation[k], state[10 + k] = z[k], sd[k], motion[k]

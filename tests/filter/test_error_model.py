@@ -10,9 +10,10 @@ import pytest
 from insnav.alignment.static import level
 from insnav.attitude import dcm_from_rph, quat_from_rph, rph_from_quat
 from insnav.earth import OMEGA_EARTH, gravity_n
-from insnav.filter.error_model import error_model, initial_state
+from insnav.filter.error_model import error_model, initial_state, layout
 from insnav.filter.gates import Gates
 from insnav.filter.navigator import Navigator
+from insnav.filter.receiver import Receiver
 from insnav.findings import Code
 from insnav.imu.specification import ImuSpec, SensorSpec
 from insnav.kernels import epoch
@@ -85,10 +86,10 @@ def test_the_heading_of_a_gyrocompass_goes_with_its_gyro_bias(axis: int):
 
 def test_a_correction_of_the_heading_turns_what_accelerometers_have_done():
     """As if the levelled IMU had begun with that heading."""
-    estimated, error, phi = np.zeros(epoch.ESTIMATED), np.zeros(21), np.eye(21)
+    estimated, error, phi = np.zeros(epoch.LAG + 1), np.zeros(21), np.eye(21)
     estimated[epoch.STATE] = *LLA, *np.zeros(3), *quat_from_rph(RPH)
     error[8] = 0.3
-    epoch.take(np.empty(0), estimated, error, np.array([21, -1, -1, -1, -1, -1, 0]), True)
+    epoch.take(np.empty(0), estimated, error, layout(Receiver()).places, True)
     heading = rph_from_quat(estimated[epoch.STATE][6:])[2]
     epoch.turn(phi, estimated)
     expected = initial_covariance(Code.ALIGN_HEADING_GIVEN, heading - RPH[2])
@@ -106,7 +107,7 @@ def test_a_correction_of_the_heading_turns_what_accelerometers_have_done():
 @pytest.mark.parametrize("sd", [1e-6, 0.05, 0.3, 2.0])
 def test_what_is_not_known_of_the_heading_changes_the_velocity_along_its_change_too(sd: float):
     """Mean square over headings that are normally distributed, by quadrature."""
-    estimated, q = np.zeros(epoch.ESTIMATED), np.zeros((21, 21))
+    estimated, q = np.zeros(epoch.LAG + 1), np.zeros((21, 21))
     estimated[epoch.STATE][3:5], estimated[epoch.BEGAN] = (7.0, -2.0), (3.0, 1.0)
     epoch.not_linear(q, estimated, np.diag(np.where(np.arange(21) == 8, sd**2, 0.0)))
     at, weight = np.polynomial.hermite_e.hermegauss(60)
@@ -120,9 +121,9 @@ def test_a_tilt_that_is_corrected_makes_another_axis_vertical_and_noise_to_and_f
 
     One that goes to and fro, as of fixes with too small a standard deviation, comes back to the same axes.
     """
-    tilt, p, at = 0.02, np.diag(np.where(np.arange(21) == 12, 0.3**2, 0.0)), np.array([21, -1, -1, -1, -1, -1, 0])
+    tilt, p, at = 0.02, np.diag(np.where(np.arange(21) == 12, 0.3**2, 0.0)), layout(Receiver()).places
     for steps in ([1.0], [1.0, -1.0] * 500):
-        estimated, added = np.zeros(epoch.ESTIMATED), np.zeros((21, 21))
+        estimated, added = np.zeros(epoch.LAG + 1), np.zeros((21, 21))
         estimated[epoch.STATE] = *LLA, *np.zeros(3), *quat_from_rph(RPH)
         for step in steps:
             error = np.zeros(21)

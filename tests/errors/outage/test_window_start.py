@@ -27,6 +27,6 @@ def test_the_state_of_a_smoothed_start_predicts_fixes_that_are_late():
     for row in rows:
         state = smoothed_start(navigator.kept[row], run, run.gps_delay)
         assert state is not None
-        antenna = dcm_from_quat(state.x[6:]) @ drives.LEVER_B - state.delay * state.x[3:6]
+        antenna = dcm_from_quat(state.x[6:]) @ drives.LEVER_B - state.further[0] * state.x[3:6]
         missed = ned_offset(state.x[:3], exact.lla[row]) + antenna
         assert np.linalg.norm(missed[:2]) < 0.6
