@@ -25,7 +25,7 @@ ACCEPT = 6.0  # gain below which two explanations count as equal: the error of t
 GRADUATED = (300.0, 100.0, 30.0, 10.0, 3.0, 1.0)  # divisors of the squared residuals, from first to last pass
 AGAIN = (1.0,) * 4  # divisors for a fit that changes little
 CONVERGED = (1.0,) * 24  # the same, until the cost no longer decreases
-SLOW = ACCEPT / len(AGAIN)  # decrease of the cost in a pass below which a fit ends [-]
+SLOW = ACCEPT / len(AGAIN)  # decrease of the cost in each of two passes below which a fit ends [-]
 # logarithms of noise factors for additional proposals: the noise of the IMU may mask faults
 QUIET = np.array([0.0, 0.0, -0.7, 0.0, 0.0])
 TRIED = 4  # proposals tested in a round
@@ -104,6 +104,7 @@ class _Searcher:
         """
         seen = start.seen if steps == start.steps else self.look(steps, start.weights, start.noise)
         fit = replace(start, steps=steps, cost=self.cost(seen, steps, start.weights, start.noise), seen=seen)
+        slow = False
         for divided in strictness:
             if not np.isfinite(fit.cost):
                 return fit
@@ -123,7 +124,8 @@ class _Searcher:
             # a step that is too long only improves the curvature
             gain = fit.cost - new.cost
             fit = new if divided > 1.0 or gain > -ACCEPT else replace(fit, curve=curve)
-            if divided == 1.0 and 0.0 <= gain < SLOW:
+            before, slow = slow, divided == 1.0 and 0.0 <= gain < SLOW
+            if before and slow:
                 break
         steps, seen = fit.steps, fit.seen
         self.fits[steps] = replace(fit, seen=seen.bare())

@@ -12,8 +12,8 @@ from insnav.earth import OMEGA_EARTH, gravity_n
 from insnav.filter.receiver import Receiver
 from insnav.findings import Code
 from insnav.imu.specification import ImuSpec, SensorSpec, level_bias, noise_of, noise_of_both
-from insnav.kernels.epoch import ARM, FURTHER
 from insnav.kernels.errorstate import STATES
+from insnav.kernels.measurements import ARM, FURTHER
 from insnav.types import Alignment, FloatArray, IntArray
 
 # Misalignment is not a state: most of it appears as scale factor or bias. The remainder makes angle and velocity errors
@@ -77,7 +77,7 @@ class FilterState:
     covariance: FloatArray  # (n, n) of the error states
 
     def replace_further(self, place: int | slice, value: float) -> FilterState:
-        """Copy with another value at a place of `insnav.kernels.epoch`, such as `epoch.DELAY`."""
+        """Copy with another value at a place of `insnav.kernels.measurements`, such as `DELAY`."""
         estimated = np.concatenate([np.zeros(FURTHER), self.further])
         estimated[place] = value
         return replace(self, further=estimated[FURTHER:])
@@ -179,7 +179,7 @@ class StateBlock:
 
 
 def blocks_of(receiver: Receiver) -> tuple[StateBlock, ...]:
-    """List the state blocks for a receiver, in the order of `insnav.kernels.epoch.BLOCKS`.
+    """List the state blocks for a receiver, in the order of `insnav.kernels.measurements.DELAYED` to `LAGGED`.
 
     States after the delay need its place, if only as a known zero.
     """
@@ -204,10 +204,11 @@ def _sd_of(sd: float, size: int) -> FloatArray:
 
 
 class Layout(NamedTuple):
-    """Number of states, their blocks, and the first index of each block; -1 if its values are known."""
+    """Number of states, their blocks, and the first index of some blocks; -1 if their values are known."""
 
     states: int
     blocks: tuple[StateBlock, ...]
+    places: IntArray  # (k, 3) of the blocks; see `insnav.kernels.measurements.DELAYED`
     delay: int
     correlated: int
     lever: int
@@ -219,22 +220,16 @@ class Layout(NamedTuple):
         """Return whether turns determine an estimated lever arm."""
         return self.lever >= 0 or self.shaken >= 0
 
-    @property
-    def places(self) -> IntArray:
-        """Build the table of the blocks for `insnav.kernels.epoch.take`, (k, 3)."""
-        place, rows = FURTHER, []
-        for block, first in zip(self.blocks, self[2:], strict=True):
-            rows.append((first, ARM.start if block.name == "lever" else place, block.sd.size))
-            place += block.value.size * (block.name != "lever")
-        return np.array(rows)
-
 
 def layout(receiver: Receiver) -> Layout:
     """Lay out the states for a receiver."""
-    blocks = blocks_of(receiver)
-    ends = np.cumsum([STATES, *(block.sd.size for block in blocks)]).tolist()
-    firsts = {block.name: first if block.sd.size else -1 for block, first in zip(blocks, ends[:-1], strict=True)}
-    return Layout(ends[-1], blocks, **firsts)
+    blocks, first, place, places = blocks_of(receiver), STATES, FURTHER, dict[str, tuple[int, int, int]]()
+    for block in blocks:
+        own, size = block.name != "lever", block.sd.size  # the arm has its own place, see `correct_with_arm`
+        places[block.name] = first if size else -1, place if own else ARM.start, size
+        first, place = first + size, place + own * block.value.size
+    named = {name: places[name][0] for name in Layout._fields[3:]}
+    return Layout(first, blocks, np.array([*places.values()]), **named)
 
 
 def first_state(start: InitialState, receiver: Receiver) -> FilterState:

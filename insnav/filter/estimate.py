@@ -22,7 +22,7 @@ from insnav.filter.error_model import FilterState, InitialState, cross_covarianc
 from insnav.filter.filter_input import FilterInput
 from insnav.filter.smoother import History
 from insnav.findings import Code, Finding
-from insnav.kernels import epoch, errorstate
+from insnav.kernels import epoch, errorstate, measurements
 from insnav.kernels.dynamics import NAV
 from insnav.kernels.errorstate import STATES
 from insnav.kernels.measurements import NOT_FINITE, fault_of, inverse, measurement_fault, swing
@@ -148,14 +148,13 @@ class Estimate:
         receiver, alignment, explained = ready.receiver, ready.alignment, ready.explained
         self.at, self._coast = layout(receiver), coast
         n = self.at.states
-        self.all = np.zeros(epoch.FURTHER + start.further.size)
-        self.x, self.correction, self.motion, self.shaken, self.arm, self._swung = (
-            self.all[part]
-            for part in (epoch.STATE, epoch.CORRECTION, epoch.MOTION, epoch.SHAKEN, epoch.ARM, epoch.SWUNG)
-        )
+        self.all = np.zeros(measurements.FURTHER + start.further.size)
+        parts = measurements.STATE, measurements.CORRECTION, measurements.MOTION, measurements.SHAKEN
+        self.x, self.correction, self.motion, self.shaken = (self.all[part] for part in parts)
+        self.arm, self._swung = self.all[measurements.ARM], self.all[measurements.SWUNG]
         self.x[:], self.correction[:], self.motion[:] = start.x, start.correction, start.motion
-        self.all[epoch.BEGAN] = self.x[3:5]
-        self.arm[:3], self.all[epoch.FURTHER :] = start.lever_b, start.further
+        self.all[measurements.BEGAN] = self.x[3:5]
+        self.arm[:3], self.all[measurements.FURTHER :] = start.lever_b, start.further
         self.lever, self.span, self.places = self.arm[:3], np.zeros(1), self.at.places
         self._seen = self.x, self.correction, self.arm
         self.history = History(n) if ready.output.smooth else None
@@ -197,7 +196,7 @@ class Estimate:
     @property
     def delay(self) -> float:
         """Delay of the fixes in addition to the specified delay [s]."""
-        return float(self.all[epoch.DELAY])
+        return float(self.all[measurements.DELAY])
 
     @property
     def covariance_now(self) -> FloatArray:
@@ -230,7 +229,7 @@ class Estimate:
             phi[:3, self.at.lever : self.at.lever + 3] = -self.arm[3:].reshape(3, 3)
             swing(phi, self._swung.copy())
         p = phi @ self.covariance @ phi.T
-        state = self.x, self.correction, self.lever, self.all[epoch.FURTHER :], self.motion, p
+        state = self.x, self.correction, self.lever, self.all[measurements.FURTHER :], self.motion, p
         return FilterState(time, *deepcopy(state))
 
     def propagate(
@@ -377,12 +376,12 @@ class Estimate:
     def _begin_at_fix(self, p: FloatArray) -> None:
         """Set the covariance of a position from a fix, which has its time-correlated error; clear old corrections."""
         self.arm[3:] = self._swung[:] = 0.0
-        self.all[epoch.CORRECTED] = self.all[epoch.TURNED] = self.all[epoch.SQUARES] = 0.0
-        self.all[epoch.BEGAN] = self.x[3:5]
+        self.all[measurements.CORRECTED] = self.all[measurements.TURNED] = self.all[measurements.SQUARES] = 0.0
+        self.all[measurements.BEGAN] = self.x[3:5]
         if self._gps_noise is not None:
             reset_correlated(p, self.at.correlated, self._gps_noise.sds)
             cross_covariance(p, self.at.correlated, self._gps_noise.sds)
-            self.all[epoch.LASTING] = 0.0
+            self.all[measurements.LASTING] = 0.0
         self._engine.replace_covariance(p)
 
     def _note_repair(self, time: float, repaired: bool) -> None:

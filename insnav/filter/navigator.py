@@ -26,10 +26,10 @@ from insnav.filter.measurements.sensors import Heading
 from insnav.filter.run_recorder import Record
 from insnav.filter.smoother import History
 from insnav.findings import Code, Finding
-from insnav.kernels.epoch import assess_fix, felt
+from insnav.kernels.epoch import felt
 from insnav.kernels.errorstate import Outputs, Samples
 from insnav.kernels.increments import LOOKAHEAD
-from insnav.kernels.measurements import innovation
+from insnav.kernels.measurements import assess, innovation
 from insnav.types import FloatArray, GpsData, ImuData, Increments, Run
 
 POSITION = (Code.GATE_POSITION, Code.DEWEIGHTED_POSITION)
@@ -366,7 +366,7 @@ class Navigator:
     def _assess(self, row: int) -> tuple[float, float, float, float]:
         """Compute the innovation of a fix, its covariance, NIS of position and velocity, and their lengths."""
         gps, receiver, estimate = self._gps, self._receiver, self._estimate
-        found: tuple[float, float, float, float] = assess_fix(
+        found: tuple[float, float, float, float] = assess(
             *(estimate.all, estimate.covariance, self._motion),
             *(gps.lla, gps.v_n, gps.position_sd, gps.velocity_sd, row),
             *(gps.fix is None or gps.fix[row] != gate.OF_REFERENCE, self._late[self._next], receiver.jitter),

@@ -116,7 +116,7 @@ def _kernels() -> tuple[tuple[tuple[Any, ...], ...], ...]:
         ),
         ((likelihood.innovations, run, *3 * [d1], i, d1, d1, d2, (d1, d2), d3, d, d2),),
         (
-            (epoch.assess_fix, *assessment),
+            (measurements.assess, *assessment),
             (measurements.zero_velocity, d1, d1, d1, d1, d2),
             (measurements.vehicle_velocity, d1, d1, d2, d1, d, d1, d2),
         ),

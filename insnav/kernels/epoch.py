@@ -1,7 +1,6 @@
 """Filter epoch: the operations before and after the predict and the update of the filter, one call each.
 
-`estimated` (n,) is the state of the filter besides its covariance: the slices `STATE` to `TILTED`, then the values of
-the further state blocks, see `insnav.filter.error_model.StateBlock`.
+`estimated` (n,) is the state of the filter besides its covariance, see `insnav.kernels.measurements`.
 """
 
 from __future__ import annotations
@@ -11,31 +10,32 @@ import numpy as np
 from insnav.kernels import njit
 from insnav.kernels.dynamics import NAV
 from insnav.kernels.errorstate import SENSOR, at_fix_time, feed_back, less_sure, reset_transition, variances
-from insnav.kernels.measurements import Assessment, Fix, Predicted, assess, correct_with_arm, swing
+from insnav.kernels.measurements import (
+    ARM,
+    BEGAN,
+    CORRECTED,
+    CORRECTION,
+    DELAY,
+    LEVER,
+    MOTION,
+    SQUARES,
+    STATE,
+    SWUNG,
+    TILTED,
+    TURNED,
+    correct_with_arm,
+    swing,
+)
 from insnav.kernels.smoother import keep, keep_state
 
 # At constant speed, a delay and a forward lever arm move the antenna alike, so velocity noise could separate them
 # falsely. Only the velocity change of the accelerometers over this time, without corrections, makes a delay observable
 # [s]
 SHOWN_BY_IMU = 20.0
+TO_AND_FRO = 5.0  # limit of the squared tilt corrections, relative to the largest squared sum: more is noise [-]
 MOST_CORRECTED = 0.3  # velocity noise does not exceed this [m/s]
 
 
-# Everything that the filter estimates, in one array that changes in place; see `insnav.filter.error_model.FilterState`.
-# A call with one array takes a tenth of the time of a call with an equivalent tuple.
-STATE, CORRECTION, MOTION = slice(0, 10), slice(10, 22), slice(22, 28)
-CORRECTED = slice(28, 31)  # velocity corrections within `SHOWN_BY_IMU` [m/s]
-ARM, SWUNG = slice(31, 43), slice(43, 46)  # see `insnav.kernels.measurements.correct_with_arm`
-TURNED = 46  # heading change by corrections since the last epoch [rad]
-BEGAN = slice(47, 49)  # horizontal velocity at the start of the span since the last epoch [m/s]
-SQUARES = slice(49, 52)  # see `beyond_linear`
-TILTED = slice(52, 56)  # sum of tilt corrections N, E [rad]; its largest square, and the squares counted [rad^2]
-TO_AND_FRO = 5.0  # limit of the squared tilt corrections, relative to the largest squared sum: more is noise [-]
-FURTHER = 56  # first value of the further blocks
-# of each further block: its row in a table `places` (k, 3) of first state (-1: known), first value and number of states
-DELAYED, CORRELATED, LEVER, SWINGING, LAGGED = range(5)
-DELAY, LASTING = 56, slice(57, 63)  # delay [s]; time-correlated errors of fixes [m], [m/s]
-SHAKEN, LAG = slice(63, 66), 66  # arm by which vibration moves the antenna [m]; lag of velocities behind positions [s]
 # Columns of a row for each fix: time, delay [s], NIS of position and velocity, use flags, innovation (predicted minus
 # measured) [m], [m/s]. Then: its standard deviation, state and motion, sensor errors, their variances, and covariance
 # (9, 9) at fix time
@@ -156,7 +156,7 @@ def predicted(row, time, estimated, doubt, p, phi, q, span, before):  # type: ig
 
 @njit(cache=True)
 def felt(estimated, rates, forces, swings, older, number, late, has_arm, stays, motion):  # type: ignore[no-untyped-def]
-    """Fill `motion` (25,) of `insnav.kernels.measurements.Predicted` for a fix, except its noise limits.
+    """Fill `motion` (25,) of `insnav.kernels.measurements.assess` for a fix, except its noise limits.
 
     For each of the next fixes, including sensor errors: `rates` (k, 3): mean body rate [rad/s].
     `forces` (k, 3): mean specific force [m/s^2]. `swings` (k, 3): rate at the time of the velocity. `older` (k, 6):
@@ -187,33 +187,10 @@ def felt(estimated, rates, forces, swings, older, number, late, has_arm, stays, 
 
 
 @njit(cache=True)
-def assess_fix(  # type: ignore[no-untyped-def]
-    estimated, p, motion, lla, v_n, position_sd, velocity_sd, row, own, late, jitter, share, places, z, h, r, s, sd
-):
-    """Assess row `row` of the fixes: `insnav.kernels.measurements.assess` with plain arrays.
-
-    `own`: the fix has its own time-correlated errors. `late`: age of its velocity [s]. `places`: see `DELAYED`.
-    """
-    lasting = estimated[LASTING][: places[CORRELATED, 2]]
-    return assess(
-        Predicted(estimated[STATE], motion, estimated[ARM], estimated[SHAKEN], lasting, estimated[DELAY], p),
-        Fix(lla[row], v_n[row], position_sd[row], velocity_sd[row]),
-        estimated[LAG] - late if own else 0.0,
-        jitter,
-        share,
-        places[CORRELATED, 0] if own else -1,
-        places[LEVER, 0],
-        places[SWINGING, 0],
-        places[LAGGED, 0] if own else -1,
-        Assessment(z, h, r, s, sd),
-    )
-
-
-@njit(cache=True)
 def take(row, estimated, error, places, settled):  # type: ignore[no-untyped-def]
     """Subtract the estimated error (n,) from the state (closed loop), after an update, and store the state in `row`.
 
-    `places`: see `DELAYED`. `settled`: the delay of the fixes is known, see
+    `places` (k, 3): see `insnav.kernels.measurements.DELAYED`. `settled`: the delay of the fixes is known, see
     `insnav.kernels.measurements.correct_with_arm`.
     """
     x, correction, arm, corrected = estimated[STATE], estimated[CORRECTION], estimated[ARM], estimated[CORRECTED]

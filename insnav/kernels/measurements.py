@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 
 from insnav.kernels import inner, njit
@@ -15,6 +13,21 @@ from insnav.kernels.mechanization import rotation
 STILL = 4.0  # a squared velocity below this multiple of its error variance may be zero, and makes no delay observable
 NOT_FINITE, NEGATIVE = 1, 2  # faults of a covariance
 LARGEST_TURN = 0.35  # of all corrections together: more than an alignment error is drift [1]
+
+# Everything that the filter estimates, in one array (n,) that changes in place; see
+# `insnav.filter.error_model.FilterState`. A call with one array takes a tenth of the time of a call with such a tuple.
+STATE, CORRECTION, MOTION = slice(0, 10), slice(10, 22), slice(22, 28)
+CORRECTED = slice(28, 31)  # velocity corrections within `insnav.kernels.epoch.SHOWN_BY_IMU` [m/s]
+ARM, SWUNG = slice(31, 43), slice(43, 46)  # see `correct_with_arm`
+TURNED = 46  # heading change by corrections since the last epoch [rad]
+BEGAN = slice(47, 49)  # horizontal velocity at the start of the span since the last epoch [m/s]
+SQUARES = slice(49, 52)  # see `insnav.kernels.epoch.beyond_linear`
+TILTED = slice(52, 56)  # sum of tilt corrections N, E [rad]; its largest square, and the squares counted [rad^2]
+FURTHER = 56  # first value of the further blocks
+# of each further block: its row in a table `places` (k, 3) of first state (-1: known), first value and number of states
+DELAYED, CORRELATED, LEVER, SWINGING, LAGGED = range(5)
+DELAY, LASTING = 56, slice(57, 63)  # delay [s]; time-correlated errors of fixes [m], [m/s]
+SHAKEN, LAG = slice(63, 66), 66  # arm by which vibration moves the antenna [m]; lag of velocities behind positions [s]
 
 
 @inner()
@@ -136,57 +149,29 @@ def swing(phi, swung):  # type: ignore[no-untyped-def]
     swung[:] = 0.0
 
 
-class Predicted(NamedTuple):
-    """Predicted state of the filter when a fix arrives; see `antenna`."""
-
-    x: np.ndarray  # (10,) state
-    # (25,) body rate [rad/s] and acceleration in n [m/s^2] at the time of the velocity. Where turns determine the lever
-    # arm, this rate is the mean about the fix. Then: vibration or noise in addition to it [rad/s]. Noise limits of the
-    # squared mean rate and addition: below them no lever arm is observable [rad^2/s^2]. Recent velocity corrections
-    # [m/s]: they are no motion and give no delay. Mean specific force about the fix [m/s^2], body axes. Noise limit of
-    # squared acceleration. `older` of `antenna`.
-    motion: np.ndarray
-    arm: np.ndarray  # (12,) see `correct_with_arm`
-    shaken: np.ndarray  # (3,) the additional lever arm by which vibration moves the antenna [m]
-    correlated: np.ndarray  # (3,) time-correlated position error [m], or (6,) position and velocity error [m], [m/s]
-    delay: float  # estimated [s]
-    covariance: np.ndarray  # (n, n)
-
-
-class Fix(NamedTuple):
-    """One fix."""
-
-    lla: np.ndarray  # (3,) [rad], [rad], [m]
-    v_n: np.ndarray  # (3,) [m/s]
-    position_sd: np.ndarray  # (3,) [m]
-    velocity_sd: np.ndarray  # (3,) [m/s]
-
-
-class Assessment(NamedTuple):
-    """Result of an assessment, for the gates and the filter."""
-
-    z: np.ndarray  # (6,) predicted minus measured [m], [m/s]
-    h: np.ndarray  # (6, n) its derivative by the error states
-    r: np.ndarray  # (6, 6) covariance of the measurement
-    s: np.ndarray  # (6, 6) covariance of the innovation
-    sd: np.ndarray  # (6,) standard deviation of the innovation; ``NaN`` without a measurement
-
-
 @njit(cache=True)
-def assess(predicted, fix, lag, jitter, share, correlated_at, lever_at, shaken_at, lag_at, out):  # type: ignore[no-untyped-def]
-    """Assess a fix for the gates and the filter, into `out`.
+def assess(  # type: ignore[no-untyped-def]
+    estimated, p, motion, lla, v_n, position_sd, velocity_sd, row, own, late, jitter, share, places, z, h, r, s, sd
+):
+    """Assess row `row` of the fixes for the gates and the filter.
 
-    `predicted`, `fix`. `lag`: age of the velocity beyond `older` [s]. `jitter`: standard deviation of the timestamps
-    [s]. `share`: share of the time-correlated error in the variance of a fix [-]. `correlated_at`, `lever_at`,
-    `shaken_at`, `lag_at`: first state of time-correlated error, lever arm, vibration arm and lag; negative where not
-    estimated.
+    `estimated` (n,), `p` (n, n): predicted state and covariance. `motion` (25,): body rate [rad/s] and acceleration in
+    n [m/s^2] at the time of the velocity. Where turns determine the lever arm, this rate is the mean about the fix.
+    Then: vibration or noise in addition to it [rad/s]. Noise limits of the squared mean rate and addition: below them
+    no lever arm is observable [rad^2/s^2]. Recent velocity corrections [m/s]: they are no motion and give no delay.
+    Mean specific force about the fix [m/s^2], body axes. Noise limit of squared acceleration. `older` of `antenna`.
+    `own`: the fix has its own time-correlated errors. `late`: age of its velocity [s]. `jitter`: standard deviation of
+    the timestamps [s]. `share`: share of the time-correlated error in the variance of a fix [-]. `places`: see
+    `DELAYED`. Filled: `z` (6,): predicted minus measured [m], [m/s]. `h` (6, n): its derivative by the error states.
+    `r`, `s` (6, 6): covariances of measurement and innovation. `sd` (6,): standard deviation of the innovation; ``NaN``
+    without a measurement.
 
     Returns: `position`, `velocity`: NIS of each half, 3 degrees of freedom; ``NaN`` without a measurement.
     `distance`, `change`: length of the innovation of position [m] and of velocity [m/s].
     """
-    x, motion, arm, shaken, correlated, delay, p = predicted
-    lla, v_n, position_sd, velocity_sd = fix
-    z, h, r, s, sd = out
+    x, arm, shaken, correlated = estimated[STATE], estimated[ARM], estimated[SHAKEN], estimated[LASTING]
+    correlated_at, lag_at = places[CORRELATED, 0] if own else -1, places[LAGGED, 0] if own else -1
+    lever_at, shaken_at, lag = places[LEVER, 0], places[SWINGING, 0], estimated[LAG] - late if own else 0.0
     whole = np.zeros(6)
     for i in range(6):  # the total rate moves the antenna
         whole[i] = motion[i] + (motion[6 + i] if i < 3 and shaken_at < 0 else 0.0)
@@ -202,7 +187,7 @@ def assess(predicted, fix, lag, jitter, share, correlated_at, lever_at, shaken_a
         for j in range(3):
             whole[3 + i] += earlier[i, j] * motion[14 + j]
         changing += whole[3 + i] ** 2
-    antenna(x, whole, motion[18:], arm, delay, lag, lla, v_n, z, h)
+    antenna(x, whole, motion[18:], arm, estimated[DELAY], lag, lla[row], v_n[row], z, h)
     moving, unsure = 0.0, 0.0
     for i in range(3 if h.shape[1] > STATES else 0):
         h[i, STATES] += motion[11 + i]
@@ -211,7 +196,7 @@ def assess(predicted, fix, lag, jitter, share, correlated_at, lever_at, shaken_a
     for i in range(3 if h.shape[1] > STATES else 0):  # a velocity within its noise must not determine the delay
         h[i, STATES] *= moving**2 / max(moving**2 + unsure**2, 1e-30)
     if correlated_at >= 0:
-        for i in range(correlated.shape[0]):
+        for i in range(places[CORRELATED, 2]):
             z[i] += correlated[i]
             h[i, correlated_at + i] = 1.0
     if lever_at >= 0:
@@ -241,16 +226,16 @@ def assess(predicted, fix, lag, jitter, share, correlated_at, lever_at, shaken_a
             r[i, j] = jitter * jitter * x[3 + i] * x[3 + j]
             r[3 + i, 3 + j] = jitter * jitter * motion[3 + i] * motion[3 + j]
             r[i, 3 + j] = r[3 + i, j] = 0.0
-        r[i, i] += (1.0 - share) * position_sd[i] ** 2
-        r[3 + i, 3 + i] += velocity_sd[i] ** 2 if velocity_sd[i] > 0.0 else 1.0
+        r[i, i] += (1.0 - share) * position_sd[row, i] ** 2
+        r[3 + i, 3 + i] += velocity_sd[row, i] ** 2 if velocity_sd[row, i] > 0.0 else 1.0
     n = p.shape[0]
     hp = np.zeros((6, n))  # most of h is zero
     for i in range(6):
         for k in range(n):
-            share = h[i, k]
-            if share != 0.0:
+            by = h[i, k]
+            if by != 0.0:
                 for j in range(n):
-                    hp[i, j] += share * p[k, j]
+                    hp[i, j] += by * p[k, j]
     for i in range(6):
         for j in range(6):
             total = r[i, j]

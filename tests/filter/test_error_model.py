@@ -16,7 +16,7 @@ from insnav.filter.navigator import Navigator
 from insnav.filter.receiver import Receiver
 from insnav.findings import Code
 from insnav.imu.specification import ImuSpec, SensorSpec
-from insnav.kernels import epoch
+from insnav.kernels import epoch, measurements
 from insnav.types import Alignment, GpsData, ImuData
 from insnav.units import DEG, DEG_PER_H, UG
 from tests.filter import drives
@@ -86,11 +86,11 @@ def test_the_heading_of_a_gyrocompass_goes_with_its_gyro_bias(axis: int):
 
 def test_a_correction_of_the_heading_turns_what_accelerometers_have_done():
     """As if the levelled IMU had begun with that heading."""
-    estimated, error, phi = np.zeros(epoch.LAG + 1), np.zeros(21), np.eye(21)
-    estimated[epoch.STATE] = *LLA, *np.zeros(3), *quat_from_rph(RPH)
+    estimated, error, phi = np.zeros(measurements.LAG + 1), np.zeros(21), np.eye(21)
+    estimated[measurements.STATE] = *LLA, *np.zeros(3), *quat_from_rph(RPH)
     error[8] = 0.3
     epoch.take(np.empty(0), estimated, error, layout(Receiver()).places, True)
-    heading = rph_from_quat(estimated[epoch.STATE][6:])[2]
+    heading = rph_from_quat(estimated[measurements.STATE][6:])[2]
     epoch.turn(phi, estimated)
     expected = initial_covariance(Code.ALIGN_HEADING_GIVEN, heading - RPH[2])
     np.testing.assert_allclose(
@@ -101,14 +101,14 @@ def test_a_correction_of_the_heading_turns_what_accelerometers_have_done():
     before, after = (dcm_from_rph(RPH + turned * np.eye(3)[2]) @ in_body for turned in (0.0, heading - RPH[2]))
     np.testing.assert_allclose(phi[3:6, 3:6] @ before, after, atol=1e-9)
     assert abs(heading - RPH[2]) > 0.29
-    assert estimated[epoch.TURNED] == 0.0
+    assert estimated[measurements.TURNED] == 0.0
 
 
 @pytest.mark.parametrize("sd", [1e-6, 0.05, 0.3, 2.0])
 def test_what_is_not_known_of_the_heading_changes_the_velocity_along_its_change_too(sd: float):
     """Mean square over headings that are normally distributed, by quadrature."""
-    estimated, q = np.zeros(epoch.LAG + 1), np.zeros((21, 21))
-    estimated[epoch.STATE][3:5], estimated[epoch.BEGAN] = (7.0, -2.0), (3.0, 1.0)
+    estimated, q = np.zeros(measurements.LAG + 1), np.zeros((21, 21))
+    estimated[measurements.STATE][3:5], estimated[measurements.BEGAN] = (7.0, -2.0), (3.0, 1.0)
     epoch.not_linear(q, estimated, np.diag(np.where(np.arange(21) == 8, sd**2, 0.0)))
     at, weight = np.polynomial.hermite_e.hermegauss(60)
     expected = 25.0 * (weight @ (1.0 - np.cos(sd * at)) ** 2) / weight.sum()
@@ -123,8 +123,8 @@ def test_a_tilt_that_is_corrected_makes_another_axis_vertical_and_noise_to_and_f
     """
     tilt, p, at = 0.02, np.diag(np.where(np.arange(21) == 12, 0.3**2, 0.0)), layout(Receiver()).places
     for steps in ([1.0], [1.0, -1.0] * 500):
-        estimated, added = np.zeros(epoch.LAG + 1), np.zeros((21, 21))
-        estimated[epoch.STATE] = *LLA, *np.zeros(3), *quat_from_rph(RPH)
+        estimated, added = np.zeros(measurements.LAG + 1), np.zeros((21, 21))
+        estimated[measurements.STATE] = *LLA, *np.zeros(3), *quat_from_rph(RPH)
         for step in steps:
             error = np.zeros(21)
             error[7] = step * tilt

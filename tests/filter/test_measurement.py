@@ -6,8 +6,10 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from insnav.filter.error_model import layout
 from insnav.filter.navigator import forces_about, rates_at, since, turned
-from insnav.kernels.measurements import Assessment, Fix, Predicted, antenna, assess
+from insnav.filter.receiver import Delay, Lag, LeverArm, Receiver
+from insnav.kernels.measurements import ARM, FURTHER, SHAKEN, STATE, antenna, assess
 from insnav.strapdown import Intervals
 from tests.physics import equations as eq
 
@@ -111,6 +113,14 @@ def test_without_a_delay_state_there_is_no_column_for_it():
     np.testing.assert_array_equal(z21, z22)
 
 
+def estimated(state: np.ndarray, receiver: Receiver) -> np.ndarray:
+    """Array of all estimates with this state (10,), and the values of the receiver."""
+    values = [block.value for block in layout(receiver).blocks if block.name != "lever"]
+    found = np.concatenate([np.zeros(FURTHER), *values])
+    found[STATE], found[ARM][:3] = state, receiver.lever_arm.value
+    return found
+
+
 class Assessed:
     """`assess` of a fix on a car in a bend; `NOISE`: square of accelerations that may be noise [m^2/s^4]."""
 
@@ -122,17 +132,12 @@ class Assessed:
         x = case("car")
         lla, velocity = predicted(x, 0.0, RATE, np.zeros(7))
         state = np.concatenate([x.lla, x.v, Rotation.from_matrix(x.c).as_quat(scalar_first=True)])
-        motion, white, none = np.concatenate([RATE, ACCELERATION, np.zeros(8), felt(x), [self.NOISE]]), 0.0, np.zeros(3)
-        motion = np.append(motion, np.zeros(7))
-        self.z, self.h, self.r, self.s, self.sd = (np.empty(n) for n in (6, (6, n), (6, 6), (6, 6), 6))
+        motion = np.concatenate([RATE, ACCELERATION, np.zeros(8), felt(x), [self.NOISE], np.zeros(7)])
+        self.z, self.h, self.r, self.s, self.sd = found = [np.empty(n) for n in (6, (6, n), (6, 6), (6, 6), 6)]
+        receiver = Receiver(LeverArm(LEVER), Delay(sd=1.0 * (n > 21)), Lag(LAG))
         self.nis_position, self.nis_velocity, self.distance, self.change = assess(
-            Predicted(state, motion, LEVER, none, none, 0.0, p),
-            Fix(lla, velocity + v, sd_p, sd_v),
-            LAG,
-            jitter,
-            white,
-            *(-1, -1, -1, -1),
-            Assessment(self.z, self.h, self.r, self.s, self.sd),
+            *(estimated(state, receiver), p, motion, *(each[None] for each in (lla, velocity + v, sd_p, sd_v))),
+            *(0, True, 0.0, jitter, 0.0, layout(receiver).places, *found),
         )
 
 
@@ -213,17 +218,17 @@ def test_lever_arms_of_turns_and_of_vibration_show_in_position_and_velocity(colu
     x, vibration, off = case("car"), np.array([-0.3, 0.5, 0.2]), 2.0 * np.eye(6)[column]
     lla, velocity = predicted(x, 0.0, RATE + vibration, np.zeros(7))
     state = np.concatenate([x.lla, x.v, Rotation.from_matrix(x.c).as_quat(scalar_first=True)])
-    motion, fix = (
-        np.concatenate([RATE, ACCELERATION, vibration, np.zeros(5), felt(x), np.zeros(8)]),
-        Fix(lla, velocity, np.ones(3), np.ones(3)),
-    )
-    found = Assessment(*(np.empty(n) for n in (6, (6, 27), (6, 6), (6, 6), 6)))
-    arm, shaken = np.concatenate([LEVER + off[:3], np.zeros(9)]), LEVER + off[3:]
-    state = Predicted(state, motion, arm, shaken, np.zeros(3), 0.0, np.eye(27))
-    assess(state, fix, LAG, 0.0, 0.0, -1, 21, 24, -1, found)
+    motion = np.concatenate([RATE, ACCELERATION, vibration, np.zeros(5), felt(x), np.zeros(8)])
+    receiver = Receiver(LeverArm(LEVER, sd=1.0, shaken=1.0), Delay(), Lag(LAG))
+    z, h, *rest = (np.empty(n) for n in (6, (6, 28), (6, 6), (6, 6), 6))
+    values = estimated(state, receiver)
+    values[ARM][:3] += off[:3]
+    values[SHAKEN] += off[3:]
+    fix = (each[None] for each in (lla, velocity, np.ones(3), np.ones(3)))
+    assess(values, np.eye(28), motion, *fix, 0, True, 0.0, 0.0, 0.0, layout(receiver).places, z, h, *rest)
     expected = np.concatenate([x.c @ off[:3], x.c @ (np.cross(RATE, off[:3]) + np.cross(vibration, off[3:]))])
-    np.testing.assert_allclose(found.z, expected, atol=1e-3)
-    np.testing.assert_allclose(found.h[:, 21 + column] * 2.0, expected, atol=1e-3)
+    np.testing.assert_allclose(z, expected, atol=1e-3)
+    np.testing.assert_allclose(h[:, 22 + column] * 2.0, expected, atol=1e-3)
 
 
 @pytest.mark.parametrize("instant", [False, True])

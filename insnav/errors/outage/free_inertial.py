@@ -22,7 +22,7 @@ from insnav.filter.navigate import feed
 from insnav.filter.navigator import Navigator
 from insnav.filter.receiver import Receiver
 from insnav.imu import ImuErrors, correct
-from insnav.kernels import epoch
+from insnav.kernels import measurements
 from insnav.kernels.dynamics import NAV
 from insnav.kernels.errorstate import STATES
 from insnav.strapdown import nearest_rows
@@ -164,7 +164,7 @@ def forward_start(state: FilterState, receiver: Receiver, lever_b: FloatArray | 
     """
     n = layout(receiver).states
     arm = state.lever_b if lever_b is None else lever_b
-    state = state.replace_further(epoch.LASTING, 0.0)
+    state = state.replace_further(measurements.LASTING, 0.0)
     return replace(state, covariance=state.covariance[:n, :n].copy(), lever_b=arm.copy())
 
 
@@ -200,7 +200,7 @@ def smoothed_start(start: FilterState, run: Run, clock: float) -> FilterState | 
     if covariance.shape[0] > STATES:
         covariance[STATES, STATES] = run.gps_delay_sd**2
     x = np.concatenate([epochs.lla[at], epochs.v_n[at], epochs.q_nb[at]])
-    start = start.replace_further(epoch.DELAY, clock)
+    start = start.replace_further(measurements.DELAY, clock)
     return replace(start, x=x, correction=sensors.value[at].copy(), covariance=covariance)
 
 
