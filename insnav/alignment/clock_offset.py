@@ -287,7 +287,7 @@ def _compared(
         felt, seen = float(np.std(x[mx])), float(np.std(y[my]))  # accelerations are last
         motion = np.where(my & within, (y - np.median(y[my])) ** 2, 0.0)
         inside, judged = inside + motion.sum(), judged + motion[within] @ mx[at[within]]
-        correlation, count = _masked_correlation(x, mx, y, my)
+        correlation, count = correlate_masked(x, mx, y, my)
         enough = count * STEP >= max(SHORTEST, SHARE * STEP * min(mx.sum(), my.sum()))
         r = np.where(enough, np.clip(correlation, -0.999, 0.999), 0.0)
         score -= 0.5 * (count * STEP / max(MEMORY, span)) * np.log1p(-(r**2))
@@ -323,7 +323,7 @@ def _best_lag(compared: _Compared) -> float | None:
     return float(lags[best])
 
 
-def _masked_correlation(x: FloatArray, mx: BoolArray, y: FloatArray, my: BoolArray) -> tuple[FloatArray, FloatArray]:
+def correlate_masked(x: FloatArray, mx: BoolArray, y: FloatArray, my: BoolArray) -> tuple[FloatArray, FloatArray]:
     """Correlate two series at every lag, over common values; return also the number of these.
 
     Entry k is for x delayed by ``k - (n - 1)`` steps.

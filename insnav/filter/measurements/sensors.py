@@ -8,9 +8,10 @@ from typing import ClassVar, Self
 import numpy as np
 
 from insnav.alignment.in_motion import Velocity
+from insnav.alignment.static import WINDOW
 from insnav.attitude import dcm_from_rph, wrap_pi
 from insnav.filter.measurements import measurement
-from insnav.filter.measurements.measurement import INTERVAL, NOTHING, FilterView, FirstPass
+from insnav.filter.measurements.measurement import INTERVAL, LONGEST_GAP, NOTHING, FilterView, FirstPass
 from insnav.findings import Code, Finding
 from insnav.imu.specification import ImuSpec
 from insnav.kernels.measurements import body_heading, vehicle_velocity, zero_velocity
@@ -19,7 +20,6 @@ from insnav.tabular import runs_of
 from insnav.types import BoolArray, FloatArray, ImuData
 from insnav.units import DEG
 
-WINDOW = 0.5  # length of the classified windows: several periods of an idling engine [s]
 STATIONARY, MOVING = 0.15, 1.0  # certainly stationary below, certainly moving above [m/s]
 FALSE_STOPS = 0.002  # share of moving windows misclassified as stationary: a false ZUPT costs metres
 FEWEST_STOPS = 0.5  # least share of detected stationary windows for a useful ZUPT
@@ -178,7 +178,6 @@ LARGEST_SPEED_RMS = 0.5  # of a useful speed: the free-inertial error after tens
 LAGS = np.arange(-0.2, 2.0, 0.02)  # odometer lag; buses and filters delay it by up to a second [s]
 SCALES = (0.5, 2.0)  # plausible scale factors in the unit of the header
 FEWEST = 100  # values for a calibration
-LONGEST_GAP = 1.0  # speeds farther apart are not interpolated [s]
 
 
 @dataclass(frozen=True, slots=True)
