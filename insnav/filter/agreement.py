@@ -11,6 +11,7 @@ import numpy as np
 from insnav.earth import ned_offset
 from insnav.filter.filter_input import FilterInput
 from insnav.filter.gps_noise import velocity_lag
+from insnav.filter.run_recorder import FALSE_FROM
 from insnav.findings import Code, of_code
 from insnav.tabular import runs_of
 from insnav.types import BoolArray, FloatArray, GpsData, IntArray, Run
@@ -122,9 +123,9 @@ def _contradictions(
     )
 
 
-# Cost of fixes, twice the negative log-likelihood: NIS from which it grows logarithmically, cost of an unused fix, and
-# additional cost of each run of unused fixes of any length [-]. False fixes come in runs.
-LARGEST, UNUSED, EPISODE = 30.0, 10.0, 30.0
+# Cost of fixes, twice the negative log-likelihood: of an unused fix, and additional cost of each run of unused fixes of
+# any length, as false fixes come in runs [-]. From `FALSE_FROM` on the cost grows logarithmically.
+UNUSED, EPISODE = 10.0, 30.0
 
 
 def unlikely(run: Run, ready: FilterInput) -> float:
@@ -139,8 +140,8 @@ def unlikely(run: Run, ready: FilterInput) -> float:
         (found.nis_velocity, found.sd[:, 3:], gps.velocity_sd[rows], found.used_velocity),
     ):
         known = np.isfinite(nis)
-        large = LARGEST * (1.0 + np.log(np.maximum(nis, LARGEST) / LARGEST))  # heavy tails
-        cost = (np.where(nis > LARGEST, large, nis) + 2.0 * np.log(sd / reported).sum(axis=1))[known & used]
+        large = FALSE_FROM * (1.0 + np.log(np.maximum(nis, FALSE_FROM) / FALSE_FROM))  # heavy tails
+        cost = (np.where(nis > FALSE_FROM, large, nis) + 2.0 * np.log(sd / reported).sum(axis=1))[known & used]
         usual = float(np.median(cost)) if cost.size else 0.0
         total += float(np.sum(cost)) + int((known & ~used).sum()) * (UNUSED + usual)
         total += EPISODE * sum(1 for _ in runs_of(known & ~used))

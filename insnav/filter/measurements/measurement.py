@@ -10,14 +10,13 @@ from typing import ClassVar, Protocol, Self
 import numpy as np
 
 from insnav.alignment.clock_offset import APART, LONG_ENOUGH, STEP, correlate_masked
-from insnav.alignment.in_motion import Velocity, gives_velocities, velocity
+from insnav.alignment.in_motion import SLOWEST, Velocity, gives_velocities, velocity
 from insnav.attitude import dcm_from_rph
 from insnav.findings import Finding
 from insnav.imu.specification import ImuSpec
 from insnav.types import BoolArray, FloatArray, GpsData, ImuData, SensorLog, Trajectory
 from insnav.units import DEG
 
-FAST = 2.0  # below this speed the velocity error dominates its direction [m/s]
 ENOUGH = 60.0  # time at such speeds that determines mounting angles to a tenth of a degree [s]
 # A car on a road stays within centimetres per second; tracked, floating or flying vehicles do not.
 LARGEST_RMS = 0.3  # of the velocity across the direction of travel, for a non-holonomic constraint [m/s]
@@ -99,8 +98,8 @@ class FirstPass:
 
     @cached_property
     def fast(self) -> BoolArray:
-        """Rows with a speed above `FAST`, (n,)."""
-        return np.asarray(np.linalg.norm(self.solution.v_n, axis=1) > FAST)
+        """Rows with a speed above `SLOWEST`, (n,)."""
+        return np.asarray(np.linalg.norm(self.solution.v_n, axis=1) > SLOWEST)
 
     @cached_property
     def fast_time(self) -> float:
