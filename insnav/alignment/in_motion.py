@@ -31,7 +31,7 @@ APART = 0.1  # least share of a span between the mean times of the velocities at
 STEADY = 300.0  # longest motion for the gyro bias by the course: turns dominate beyond [s]
 CHANGING = 1.0 / 3.0  # changing share of the slip: crabbing and mounting are constant
 FEWEST = 10  # epochs in this motion
-MOST_ACCELERATION = 30.0  # of a vehicle [m/s^2]
+SUDDEN = 30.0  # no vehicle accelerates more [m/s^2]
 CLEAR_SD = np.deg2rad(20.0)  # of the direction of acceleration, beyond which it is not used
 TURNED, REVERSED = np.deg2rad(40.0), np.deg2rad(30.0)  # differences between course and acceleration, and from reverse
 

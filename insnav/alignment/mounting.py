@@ -23,14 +23,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from insnav.alignment.align import stationary_of
-from insnav.alignment.in_motion import (
-    MOST_ACCELERATION,
-    SLOWEST,
-    gives_velocities,
-    interval_of,
-    positions_alone,
-    velocity,
-)
+from insnav.alignment.in_motion import SLOWEST, SUDDEN, gives_velocities, interval_of, positions_alone, velocity
 from insnav.alignment.static import summarize
 from insnav.attitude import quat_from_dcm, rph_from_quat, wrap_pi
 from insnav.earth import gravity_n, ned_offset
@@ -380,7 +373,7 @@ class _Fixes:
         first = np.arange(0, time.size - rows, rows // OVERLAP)
         some = first[:, None] + np.arange(rows + 1)
         since, v, least = time[some] - time[first, None], self.v_n[some], np.maximum(SLOWEST, 5.0 * self.sd[first])
-        sudden = np.max(np.abs(np.diff(v, axis=1)) / np.diff(since)[..., None], axis=(1, 2)) > MOST_ACCELERATION
+        sudden = np.max(np.abs(np.diff(v, axis=1)) / np.diff(since)[..., None], axis=(1, 2)) > SUDDEN
         fast = np.hypot(v[:, 0, 0], v[:, 0, 1]) >= least
         use = np.flatnonzero(fast & ~sudden & (since[:, -1] <= 2.0 * length))
         first, some, since, v, least = first[use], some[use], since[use], v[use], least[use]

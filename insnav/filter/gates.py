@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from insnav.alignment.align import STATIC_SPEED
-from insnav.alignment.in_motion import MOST_ACCELERATION
+from insnav.alignment.in_motion import SUDDEN
 from insnav.earth import ned_offset
 from insnav.findings import Code, Finding
 from insnav.sample_statistics import chi2_limit
@@ -138,7 +138,7 @@ def _beside(gates: Gates, gps: GpsData) -> BoolArray:
         share = (since / (since + until))[:, None]
         way = place[row] - (1.0 - share) * place[first] - share * place[last]
         errors = gates.physical_sd * (sd[row] + np.maximum(sd[first], sd[last]))
-        return np.linalg.norm(way, axis=1), 0.5 * MOST_ACCELERATION * since * until + errors
+        return np.linalg.norm(way, axis=1), 0.5 * SUDDEN * since * until + errors
 
     for length in range(1, IN_A_ROW + 1):
         first = np.arange(1, time.size - length - 2)  # the nearer of two earlier fixes
