@@ -47,7 +47,8 @@ for axis, (name, (samples, fixes)) in zip(axes, drives.items(), strict=True):
     plain = search(record, ()).best  # without a fault
     seen, time = plain.seen, record.time - imu.time[0]
     for kind in (each for each in KINDS if each.name in SHOWN):
-        axis.plot(time, score_kind(kind, *record.project(seen, kind), record.interval)[0], lw=1.2, label=kind.name.replace("_", " "))
+        gain, _ = score_kind(kind, *record.project(seen, kind), record.interval)
+        axis.plot(time, gain, lw=1.2, label=kind.name.replace("_", " "))
     axis.axhline(ACCEPT, color="0.6", lw=0.8)
     for step in found.best.steps:
         columns, begin = record.columns(step.kind), step.begin

@@ -20,7 +20,8 @@ from insnav.units import G0
 LONGER = 10.0  # a stop must exceed the fixes' own stop by this, to contradict fixes [s]
 AWAY, AWAY_SD = 50.0, 6.0  # distance from its place beyond which a vehicle has left it [m], [sd]
 MOST = 0.1  # largest share of fixes there while it is stationary
-DRIFT = 10.0  # displacement by a current between first and last quarter of a stop [m]
+SWUNG = 10.0  # displacement of a vehicle that has left its stop, beyond the noise of the fixes [m]
+MOVED = 3.0  # standard deviations of a displacement between two positions that prove motion
 CONSENSUS = 9  # number of fixes for a consensus
 # Limit of the distance from the median in robust standard deviations: Student's t, 3 degrees of freedom, two-sided
 # 0.001. The median absolute deviation of nine numbers has that many (efficiency 0.37: Huber and Ronchetti, "Robust
@@ -51,7 +52,7 @@ def without_false_motion(parts: Intervals, gps: GpsData, rest: tuple[float, floa
     place: FloatArray = np.median(gps.lla[rows], axis=0)
     first, last = (np.median(gps.lla[part], axis=0) for part in (rows[: rows.size // 4], rows[-(rows.size // 4) :]))
     drift = np.linalg.norm(ned_offset(last, first)[:2])
-    if away(gps.rows(rows), place).mean() > MOST or drift > DRIFT:
+    if away(gps.rows(rows), place).mean() > MOST or drift > SWUNG:  # as by a current
         return gps
     lla = gps.lla.copy()
     lla[rows] = place
@@ -97,8 +98,6 @@ GYROCOMPASS_SD = np.deg2rad(15.0)  # beyond it the filter's small-angle approxim
 SURE_SD = np.deg2rad(3.0)  # a gyrocompass as accurate as the course of a car needs no course
 GIVEN_HEADING_SD = np.deg2rad(2.0)  # of a heading that the user specifies: from a map or a compass
 STATIC_SPEED = 0.5  # GPS speed of a stationary vehicle, including the noise of a poor receiver [m/s]
-SWUNG = 10.0  # distance from its stop, plus MOVED sd of the fixes, beyond which a vehicle has left [m]
-MOVED = 3.0  # standard deviations of a displacement between two positions that prove motion
 # Fixes may detect a departure this much too late [s]. Steady acceleration or speed then resembles a stop. A later stop
 # is rejected if the velocity has changed by more than STATIC_SPEED and this rate [m/s^2]
 UNSEEN, LEVEL_DRIFT = 30.0, 0.05
@@ -106,7 +105,6 @@ SOON = 10.0  # a stop that begins this soon after the first fix starts the drive
 HIDDEN = 60.0  # position noise may mask motion for this long [s]
 COURSE_TIME = 0.5  # course error in motion: the turn in this time, or up to the nearest velocity [s]
 SPARSE = 5.0  # sparser fixes show no change of velocity in a short record [s]
-LATER = 10.0  # fixes that continue so much longer than the samples may contain motion that the samples miss [s]
 THEN_FILTER = {  # alignment methods that a run of the filter has refined
     Code.ALIGN_LEVEL_MOTION: Code.ALIGN_LEVEL_MOTION_FILTER,
     Code.ALIGN_HEADING_COURSE: Code.ALIGN_HEADING_COURSE_FILTER,
@@ -291,7 +289,7 @@ def _from_rest(
 def _ends_before(parts: Intervals, gps: GpsData) -> float:
     """Return the time by which the samples end before the fixes, NaN if it is short [s]."""
     later = float(gps.time[-1] - parts.end[-1])
-    return later if later > LATER else np.nan
+    return later if later > motion.SPAN else np.nan  # these fixes may show motion for a heading
 
 
 def _in_motion(

@@ -24,7 +24,6 @@ from insnav.kernels.earth import A
 from insnav.strapdown import Intervals
 from insnav.types import BoolArray, FloatArray, GpsData
 
-TURN_SPAN = 2.0  # interval of a turn [s]
 FEWEST_TURNS = 20  # least number of useful intervals
 TURNS = 0.04  # RMS turn of useful intervals [rad]
 SHARP = 2.5  # the sense of larger turns is ambiguous [rad]
@@ -40,7 +39,9 @@ MOVES = 0.1  # least RMS of turns or accelerations that shows motion [rad/s], [m
 SHORTEST = 20.0  # least overlap of the records [s]
 SHOWN = 0.3  # correlation of turns or accelerations that proves an offset [-]
 SHARE = 0.3  # and least share of the shorter record
-MEMORY = 2.0  # turns and accelerations decorrelate over this time, unless their interval is longer [s]
+# Turns and accelerations decorrelate over this time, unless their interval is longer. Single turns last as long, and
+# the correlation has a peak that wide [s]
+MEMORY = 2.0
 SURE = 15.0  # log-likelihood beyond chance, among all lags
 AS_TOLD = 0.3  # share of the best log-likelihood that zero offset needs to be accepted
 AS_LIKELY = 0.92  # the same, if nearly all offsets reach it: circles in wind and slow motion have no clear best
@@ -51,8 +52,6 @@ SYSTEMATIC = 0.01  # error by lever arm and levelling, RMS of simulated city dri
 # Residual in standard deviations that indicates a false velocity, if it also exceeds the RMS of the signal. Otherwise
 # every turn of a mostly straight flight would be rejected.
 OUTSIDE = 4.0
-FINE = 2.0  # the offset is refined this far around the best lag [s]
-CONTRARY = -0.5  # correlation of accelerations that contradicts turns: gravity estimated in a banked turn [-]
 # Acceleration of the fixes, relative to its noise, that is significant. Then one of the correlations is at least 0.7 in
 # a hundred simulated and recorded drives. 25 pairs of different drives had up to 0.35 at zero offset, up to 0.6 at the
 # best offset.
@@ -64,7 +63,9 @@ AS_IS = 3.0  # smaller offsets are a delay [s]
 DENSE = 6.0  # longer intervals may contain full circles: a flight with a fix every 10 s has r = 0.3 [s]
 BEYOND = 1.5  # fixes with more acceleration than this multiple of any sample are false
 NOISE = 2.0  # fixes with more than this multiple of the samples' RMS are noise, whatever their sd
-LEAST = 0.5  # least refined correlation of turns or accelerations for an offset [-]
+# Least refined correlation of turns or accelerations for an offset. As negative, that of accelerations contradicts
+# turns: gravity was estimated in a banked turn [-]
+LEAST = 0.5
 # IMU at rest: largest difference of its means over such a time, and least change rate of moving fixes. Consumer biases
 # vary by 0.03 m/s^2 and 0.001 rad/s in ten minutes. Ships, trains and flights may change no faster.
 MEAN, STILL, STILL_TURN, MOVED = 10.0, 0.05, 0.005, 0.3  # [s], [m/s^2], [rad/s], [m/s^2]
@@ -145,7 +146,7 @@ def find_clock_offset(parts: Intervals, gps: GpsData, *, worth: float = 0.0) -> 
     if compared.span >= DENSE:  # their resolution is no better
         worth = max(worth, compared.span)
     found = None if lag is None or abs(lag) < worth - COARSE else _refined(imu, track, lag, compared.span)
-    if found is None or found.accelerations < CONTRARY or max(abs(found.turns), found.accelerations) < LEAST:
+    if found is None or found.accelerations < -LEAST or max(abs(found.turns), found.accelerations) < LEAST:
         return None
     return found
 
@@ -287,7 +288,7 @@ def _compared(
         felt, seen = float(np.std(x[mx])), float(np.std(y[my]))  # accelerations are last
         motion = np.where(my & within, (y - np.median(y[my])) ** 2, 0.0)
         inside, judged = inside + motion.sum(), judged + motion[within] @ mx[at[within]]
-        correlation, count = _masked_correlation(x, mx, y, my)
+        correlation, count = correlate_masked(x, mx, y, my)
         enough = count * STEP >= max(SHORTEST, SHARE * STEP * min(mx.sum(), my.sum()))
         r = np.where(enough, np.clip(correlation, -0.999, 0.999), 0.0)
         score -= 0.5 * (count * STEP / max(MEMORY, span)) * np.log1p(-(r**2))
@@ -323,7 +324,7 @@ def _best_lag(compared: _Compared) -> float | None:
     return float(lags[best])
 
 
-def _masked_correlation(x: FloatArray, mx: BoolArray, y: FloatArray, my: BoolArray) -> tuple[FloatArray, FloatArray]:
+def correlate_masked(x: FloatArray, mx: BoolArray, y: FloatArray, my: BoolArray) -> tuple[FloatArray, FloatArray]:
     """Correlate two series at every lag, over common values; return also the number of these.
 
     Entry k is for x delayed by ``k - (n - 1)`` steps.
@@ -385,7 +386,7 @@ def _refined(imu: _Track, gps: _Track, lag: float, span: float) -> ClockOffset |
                     break
         return left, weight, r
 
-    offsets = np.arange(lag - FINE, lag + FINE, 0.05)
+    offsets = np.arange(lag - MEMORY, lag + MEMORY, 0.05)
     likelihood = [_likelihood(left, r) for left, _, r in map(residuals, offsets)]
     at = float(offsets[int(np.argmax(likelihood))])
     sd, apart, step = np.inf, 0.0, 1e-2
@@ -428,7 +429,7 @@ def turn_scale(parts: Intervals, gps: GpsData) -> tuple[float, float]:
     scale = parts.dt[:, None] if parts.instant else 1.0
     up = np.sum(parts.accel * scale, axis=0)
     turn: FloatArray = np.cumsum((parts.gyro * scale) @ (-up / max(float(np.linalg.norm(up)), 1e-9)))
-    step = max(1, round(TURN_SPAN / max(float(np.median(np.diff(speed.time))), 1e-3)))
+    step = max(1, round(MEMORY / max(float(np.median(np.diff(speed.time))), 1e-3)))
     first, last = rows[:-step], rows[step:]
     whole = (last - first == step) & (speed.time[first] > parts.end[0]) & (speed.time[last] < parts.end[-1])
     first, last = first[whole], last[whole]

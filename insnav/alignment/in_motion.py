@@ -24,13 +24,14 @@ SURELY = 3.0  # a spike of the positions resembles motion for less than this [s]
 SPAN = 15.0  # length of motion for a heading: longer, gyro drift dominates [s]
 SLIP_SD = np.deg2rad(3.0)  # between direction of travel and the body's forward axis: slip and mounting
 CREEP = SLIP_SD * SLOWEST / np.deg2rad(30.0)  # below this speed the course is dominated by slip [m/s]
-RATE_SPAN = 0.1  # time around a fix over which the lever arm's rotation gives its velocity [s]
+SEEN = 0.1  # before and after a fix: longest smoothing in a receiver [s]
 DIFFERENCE = 2.0  # base of velocities from positions: 1 m of noise gives 0.7 m/s [s]
 LONGER = 5.0, 10.0  # longer bases if no motion is significant: positions as poor as a telephone's [s]
 APART = 0.1  # least share of a span between the mean times of the velocities at its ends
 STEADY = 300.0  # longest motion for the gyro bias by the course: turns dominate beyond [s]
 CHANGING = 1.0 / 3.0  # changing share of the slip: crabbing and mounting are constant
 FEWEST = 10  # epochs in this motion
+SUDDEN = 30.0  # no vehicle accelerates more [m/s^2]
 CLEAR_SD = np.deg2rad(20.0)  # of the direction of acceleration, beyond which it is not used
 TURNED, REVERSED = np.deg2rad(40.0), np.deg2rad(30.0)  # differences between course and acceleration, and from reverse
 
@@ -164,7 +165,7 @@ def at_imu(gps: GpsData, parts: Intervals, found: Alignment, lever_b: FloatArray
     turn = (
         dcm_from_quat(quat_from_rph(found.rph)) @ dcm_from_quat(track.q_nb[track.nearest(np.array([found.time]))[0]]).T
     )
-    (before, first), (after, last) = arm(gps.time - RATE_SPAN), arm(gps.time + RATE_SPAN)
+    (before, first), (after, last) = arm(gps.time - SEEN), arm(gps.time + SEEN)
     change = (last - first) / np.maximum(after - before, 1e-9)[:, None]
     return replace(gps, lla=lla_offset(gps.lla, -arm(gps.time)[1]), v_n=gps.v_n - change)
 

@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from insnav.alignment.align import stationary_of
-from insnav.alignment.in_motion import SLOWEST, gives_velocities, interval_of, positions_alone, velocity
+from insnav.alignment.in_motion import SLOWEST, SUDDEN, gives_velocities, interval_of, positions_alone, velocity
 from insnav.alignment.static import summarize
 from insnav.attitude import quat_from_dcm, rph_from_quat, wrap_pi
 from insnav.earth import gravity_n, ned_offset
@@ -43,7 +43,6 @@ FEWEST = 5  # windows for an estimate
 SHARE = 0.1  # error of accelerations, by slip, scale factors and lever arm [-]
 LIVELY = 0.3  # RMS acceleration of a useful window [m/s^2]
 TURN = np.deg2rad(25.0)  # course change of a turning window
-SUDDEN = 15.0  # no vehicle accelerates more: the velocities are false [m/s^2]
 SCATTER = np.deg2rad(8.0)  # standard deviation of the yaw beyond which there is no result
 RARE = float(np.log(100.0))  # prior log odds against each wrong column; posterior ones for a refusal
 FITS = 0.4  # largest unexplained share of the accelerations [-]

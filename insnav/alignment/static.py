@@ -34,8 +34,8 @@ PUSHED = 0.2  # change of mean specific force between windows that is a motion: 
 # A soft departure changes them less, but for longer: deviation of means in robust standard deviations, least deviation
 # [m/s^2], [rad/s], duration [s]. A quieter IMU detects it earlier.
 DEPARTED, DEPARTED_ACCEL, DEPARTED_GYRO, DEPARTED_TIME = 6.0, 1e-3, 1e-5, 2.0
-# means and scatter of windows are compared with earlier windows: span [s], ratio [-], least number
-COMPARED, LOUDER, FEWEST_WINDOWS = 60.0, 2.0, 6
+# means and scatter of windows are compared with earlier windows, at least `SHORTEST` of them: span [s], ratio [-]
+COMPARED, LOUDER = 60.0, 2.0
 # In a longer initial stop the attitude is constant. Drifting gyros would rotate an unknown lever arm and make it
 # observable. Horizontal noise would reduce the heading sd, 25 -> 5 deg in 15 min, by linearisation (see
 # `insnav.filter.delay_and_lever.with_surer_start`). Attitude changes are measured in means of this length. A stop
@@ -198,10 +198,10 @@ def departure(parts: Intervals, rest: tuple[float, float]) -> float:
         return rest[1]
     size = _samples_in_window(parts)
     length = size * float(np.median(parts.dt[1 : 1 << 16]))
-    number, lasting = (max(2, round(span / length)) for span in (COMPARED, DEPARTED_TIME))
+    number, lasting, fewest = (max(2, round(span / length)) for span in (COMPARED, DEPARTED_TIME, SHORTEST))
     begin, now = np.searchsorted(parts.end, rest, side="right")
     begin = max(begin, now - number * size)
-    if now - begin < FEWEST_WINDOWS * size:
+    if now - begin < fewest * size:
         return rest[1]
     before = _windows(parts, (now - begin) // size, size, begin)
     while now + lasting * size <= parts.end.size:

@@ -24,7 +24,7 @@ from insnav.attitude import dcm_from_quat, quat_from_rph, rph_from_quat, wrap_pi
 from insnav.exceptions import DivergenceError
 from insnav.filter.ambiguity import with_wider_sd
 from insnav.filter.filter_input import FilterInput
-from insnav.filter.gates import Gates, aside
+from insnav.filter.gates import aside
 from insnav.filter.gps_noise import LAG_WORTH, name_lag, velocity_lag
 from insnav.filter.innovation_likelihood import HUBER
 from insnav.filter.late_fixes import BLOCKS, REACH, LateFixes
@@ -41,13 +41,14 @@ from insnav.units import DEG, DEG_PER_SQRT_H
 
 GRID = 0.1  # first steps: the likelihood of a delay is as wide as a manoeuvre [s]
 COARSE = np.arange(-REACH, REACH + 0.5 * GRID, GRID)
-FINE, FINE_STEPS = 0.02, 5  # further steps around the best value, either side; then a parabola [s]
-DRIFTS = 0.02 * np.arange(-10, 11)  # of the delay, from the middle to the ends of the record [s]
-DRIFT_WORTH, LARGEST_DRIFT = 0.02, 4e-4  # smaller drifts are ignored [s]; no crystal has larger ones [s/s]
+FINE = 0.02  # further steps around the best value; then a parabola [s]
+NEAR = FINE * np.arange(-round(GRID / FINE), round(GRID / FINE) + 1)
+DRIFTS = FINE * np.arange(-10, 11)  # of the delay, from the middle to the ends of the record; one step is ignored [s]
+LARGEST_DRIFT = 4e-4  # no crystal drifts more [s/s]
 LONGEST = 900.0  # part of the record that is used [s]
 FIXES = 600  # used at most, in addition to a long stationary start
 # The filter state estimates smaller delays. With larger ones, vibration in rotation at 8 Hz biases the lever arm
-# permanently [s]
+# permanently. A smaller sd of a lag needs no state: at 2 m/s^2 it makes 6 mm/s [s]
 WORTH = 0.003
 DOUBTFUL = 0.03  # larger delays and standard deviations are estimated again [s]
 WIDEST = 0.5  # largest initial sd of the filter's delay, if the drive hardly determines it [s]
@@ -59,14 +60,12 @@ LEAST_OTHER, OTHER_WORTH = 0.03, 0.45  # vibration lever arm: smallest, and size
 # filter
 MOMENTS = (1.0,), tuple(0.25 * np.arange(0.5, 8.0)), tuple(-1.0109 * np.log(1.0 - np.arange(0.5, 32.0) / 32.0))
 LAGS = 0.2 * np.arange(-1, 6)  # initial values of the lag search, relative to the assumed lag [s]
-NEWTON, LAG_STEP, LARGEST_STEP = 6, 0.005, 0.2  # Newton steps, step of the derivatives, and largest step [s]
+NEWTON, LAG_STEP = 6, 0.005  # Newton steps, and step of the derivatives [s]
 # Prior: share of receivers with a lag, and its sd. Doppler counted since the previous fix lags by half an interval, a
-# filter in the receiver by its time constant [s]
+# filter in the receiver by its time constant. No Newton step exceeds this sd [s]
 LAGGING, LAG_SD = 0.1, 0.2
 # multiple of the lag sd from fixes alone, and least value [s]: in a town the lag was wrong by eight sd
 ALONE, ALONE_LEAST = 3.0, 0.02
-LAG_SD_WORTH = 0.003  # a smaller sd needs no state: at 2 m/s^2 it makes 6 mm/s [s]
-SCALES = 50  # steps of the search for a standard deviation
 OPENED, FREEDOM = 2.0, 3.0  # initial factor on the prior scale of a lever arm; its degrees of freedom
 STARTS = 2  # repetitions of a start in motion, each from the previous run
 # factor on attitude sd for that start: with 2, heading sds of recorded minutes were half to a quarter of the errors
@@ -102,15 +101,15 @@ class Filtered:
     squares: float
 
 
-def filtered(ready: FilterInput, *, starts: int | None = None, gates: Gates | None = None) -> Filtered:
+def filtered(ready: FilterInput, *, starts: int | None = None) -> Filtered:
     """Navigate the beginning of a drive for the comparison of clocks.
 
-    A start in motion is navigated again, `starts` times. `gates`: instead of its own.
+    A start in motion is navigated again, `starts` times.
     """
     ready = ready if starts is not None else _thinned(ready.beginning(LONGEST))
     starts = STARTS if starts is None else starts
     # a late fix looks false in every bend, and a reset would open heading and biases
-    gates = gates or replace(ready.gates, reset_after=np.inf)
+    gates = replace(ready.gates, reset_after=np.inf)
     receiver, lever_arm, lever_sd = ready.receiver, ready.receiver.lever_arm, ready.receiver.lever_arm.sd
     other = float(np.hypot(OPENED * lever_sd, np.linalg.norm(lever_arm.value)))
     correlated = receiver.correlated
@@ -126,7 +125,7 @@ def filtered(ready: FilterInput, *, starts: int | None = None, gates: Gates | No
         epochs = history.rows()
         again = with_surer_start(ready, history) if starts else None
         if starts and again is None and ready.alignment.static is None:  # gates reject fixes after a bad start
-            other_run = Navigator(_doubted(replace(used, gates=replace(gates.believing(), max_speed=np.inf))))
+            other_run = Navigator(_doubted(_believed(used)))
             feed(other_run, ready.imu)
             again = with_surer_start(ready, other_run.history())
     except DivergenceError:
@@ -135,16 +134,21 @@ def filtered(ready: FilterInput, *, starts: int | None = None, gates: Gates | No
         return filtered(again, starts=starts - 1)
     (arm, vibration), (arm_cov, vibration_cov) = navigator.levers()
     if lever_sd > 0.0:
-        scales = lever_sd * np.geomspace(1.0, OPENED, SCALES)
+        scales = lever_sd * np.geomspace(1.0, OPENED)
         # most antennas are within a metre, a few at five: Student's distribution in three dimensions, that is, a normal
         # distribution of unknown variance
         prior = -FREEDOM * (np.log(scales) + 0.5 * (lever_sd / scales) ** 2)
         lever_sd = scale_of(arm, arm_cov, OPENED * lever_sd, scales, prior)[0]
     shaken = 0.0
     if other > 0.0:
-        shaken = scale_of(vibration, vibration_cov, other, np.geomspace(LEAST_OTHER, other, SCALES))[1]
+        shaken = scale_of(vibration, vibration_cov, other, np.geomspace(LEAST_OTHER, other))[1]
     shaken = shaken if shaken > OTHER_WORTH else 0.0
     return Filtered(ready, used, epochs, *navigator.delay, shaken, lever_sd, *navigator.misfit())
+
+
+def _believed(ready: FilterInput) -> FilterInput:
+    """Return a recording whose fixes are accepted whatever their innovation."""
+    return replace(ready, gates=replace(ready.gates.believing(), max_speed=np.inf))
 
 
 def _doubted(ready: FilterInput) -> FilterInput:
@@ -222,13 +226,13 @@ def delay_of(seen: Filtered, alone: tuple[float, float] = (0.0, np.inf)) -> Foun
         cost, least = likelihood.mean_costs(*np.array([[0.0, 0.0, likelihood.lag], there]).T)
         return found._replace(cost=cost, least=least)
     # with seconds of delay, nearly all fixes look false, and precise fixes distort the filter
-    believing = replace(seen.ready.gates.believing(), max_speed=np.inf)
-    rough = filtered(_doubted(seen.ready), starts=0, gates=believing)
+    believing = _believed(seen.ready)
+    rough = filtered(_doubted(believing), starts=0)
     found = _found(rough, _likelihood(rough), alone)
     if found.sd <= DOUBTFUL:
         return found
     # precise fixes determine it to milliseconds, if the reported sds are true at some delay
-    believed = filtered(seen.ready, starts=0, gates=believing)
+    believed = filtered(believing, starts=0)
     likelihood = _likelihood(believed)
     off = EXPLAINED if likelihood is None else likelihood.off(COARSE)
     if off >= EXPLAINED:
@@ -254,7 +258,7 @@ def _found(seen: Filtered, likelihood: LateFixes | None, alone: tuple[float, flo
     best = likelihood.likeliest(COARSE, likelihood.lag)
     if best in (0, COARSE.size - 1):  # no top within the grid
         return nothing
-    near = COARSE[best] + FINE * np.arange(-FINE_STEPS, FINE_STEPS + 1)
+    near = COARSE[best] + NEAR
     fine, drift = likelihood.costs(near), 0.0
     rates = DRIFTS[np.abs(DRIFTS) < LARGEST_DRIFT * likelihood.half + FINE] / likelihood.half
     drifting = likelihood.costs(near[[np.argmin(fine.sum(axis=1))]], rates).sum(axis=1)
@@ -262,7 +266,7 @@ def _found(seen: Filtered, likelihood: LateFixes | None, alone: tuple[float, flo
     # a single high value is chance
     sure = drifting[rates.size // 2] - drifting[least - 1 : least + 2].max() > SURE**2
     wide = abs(float(rates[least])) * likelihood.half
-    if sure and wide > DRIFT_WORTH and likelihood.cost_of_step(near, wide) > drifting[least]:
+    if sure and wide > FINE and likelihood.cost_of_step(near, wide) > drifting[least]:
         drift = float(rates[least])
         fine = likelihood.costs(near, drift)
     middle = int(np.clip(np.argmin(fine.sum(axis=1)), 1, near.size - 2))
@@ -321,7 +325,7 @@ def _with_lag(
         slopes, curvature = likelihood.slopes(at[0], drift, at[1], LAG_STEP)
         covariance = np.linalg.inv(curvature + np.diag(known))
         step = -covariance @ (slopes.sum(axis=1) + known * at * [0.0, 1.0] - [0.0, weight * shown])
-        at = at + np.clip(step, -LARGEST_STEP, LARGEST_STEP)
+        at = at + np.clip(step, -LAG_SD, LAG_SD)
         if np.abs(step).max() < LAG_STEP:
             break
     scatter = covariance @ (slopes.shape[1] * np.cov(slopes)) @ covariance
@@ -391,7 +395,7 @@ def on_time(prepared: Callable[[float, float], FilterInput], receiver: Receiver)
     lever_arm = replace(receiver.lever_arm, shaken=seen.shaken, sd=seen.lever_sd)
     shown -= own[0] + half * own[1]
     searched = replace(receiver.delay, sd=width, least_sd=least_delay_sd, shown=shown)
-    lag = Lag(lags[0], LOOKED * lags[1] if lags[1] > LAG_SD_WORTH else 0.0, lags[2])
+    lag = Lag(lags[0], LOOKED * lags[1] if lags[1] > WORTH else 0.0, lags[2])
     ready = replace(ready, receiver=replace(receiver, lever_arm=lever_arm, delay=searched, lag=lag))
     if seen.ready.clock == ready.clock and len(ready.starts) == 1:  # of a start in motion
         ready = replace(ready, starts=seen.ready.starts)

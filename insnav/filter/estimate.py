@@ -17,6 +17,7 @@ import numpy as np
 from insnav.alignment.static import LONG_REST
 from insnav.attitude import dcm_from_quat, dcm_from_rph, quat_from_rph
 from insnav.deferred import deferred
+from insnav.earth import near_pole
 from insnav.exceptions import DivergenceError, InputError
 from insnav.filter.error_model import FilterState, InitialState, cross_covariance, layout, reset_correlated, set_to_fix
 from insnav.filter.filter_input import FilterInput
@@ -106,7 +107,6 @@ class Engine:
 SUBSTEP = 0.1  # longest sub-step of transition and noise: a car turns by less than 6 deg in it [s]
 # unseen change of rate [rad/s^2] and specific force [m/s^3] in a gap, and largest error assumed [rad], [m/s]
 GAP_NOISE = np.array([0.1, 0.5, 0.3, 20.0])
-NEXT_TO_POLE = np.pi / 2 - 1.6e-4  # latitude beyond which a local-level frame is unusable: 1 km from the pole [rad]
 # added at a reset: its cause, perhaps a bias step, has also tilted and rotated the frame [rad]
 ATTITUDE_RESET_SD = np.deg2rad([6.0, 6.0, 10.0])
 BIAS_RESET_SD = np.array([*np.deg2rad([0.5, 0.5, 0.5]), 0.2, 0.2, 0.2])  # bias step that may cause it [rad/s], [m/s^2]
@@ -254,7 +254,7 @@ class Estimate:
 
     def predict(self, time: float) -> None:
         """Propagate the covariance to `time`: a filter epoch."""
-        if abs(self.x[0]) > NEXT_TO_POLE:
+        if near_pole(self.x[0]):  # a local-level frame is unusable
             raise InputError("filter.at_pole", where=f"t = {time:.3f} s")
         times, sds = self._fading_time, self._fading_sd
         for rough in self._rough if self._gps_noise is not None else ():

@@ -13,12 +13,13 @@ from insnav.alignment.static import latitude_from_sensors, summarize, unexplaine
 from insnav.exceptions import AlignmentError
 from insnav.filter.error_model import Part, error_model, initial_state
 from insnav.filter.filter_input import FilterInput, Output
+from insnav.filter.measurements.sensors import VELOCITY_SD
 from insnav.filter.navigator import Navigator
 from insnav.findings import Code
 from insnav.imu.specification import ImuSpec
 from insnav.types import Alignment, FloatArray, GpsData, ImuData
 
-POSITION_SD, VELOCITY_SD = 0.1, 0.02  # a vehicle moved by wind and people [m], [m/s]
+POSITION_SD = 0.1  # a vehicle moved by wind and people [m]
 INTERVAL = 1.0  # between zero-velocity updates: vehicle motion is correlated over shorter times [s]
 COARSE_SHARE, COARSE_TIME = 0.1, 10.0  # part of the record, and least time [s], of the coarse alignment
 

@@ -13,6 +13,8 @@ from typing import Any
 
 import numpy as np
 
+from insnav.alignment.align import STATIC_SPEED
+from insnav.alignment.in_motion import SUDDEN
 from insnav.earth import ned_offset
 from insnav.findings import Code, Finding
 from insnav.sample_statistics import chi2_limit
@@ -63,7 +65,6 @@ class Gates:
 
 
 WHOLE_SD = 3.0  # plausible step of a fix in standard deviations, whatever their white part [-]
-MOST_ACCELERATION = 30.0  # of a vehicle between fixes [m/s^2]
 IN_A_ROW, ROUNDS = 3, 5  # false fixes in a row that can be found, and passes without those found before
 ON_LINE = 0.25  # the neighbouring fixes are collinear within this share of the deviation; at a jump it is two thirds
 OF_REFERENCE = -99  # fix type of reference positions, which are compared with the solution and have no receiver errors
@@ -137,7 +138,7 @@ def _beside(gates: Gates, gps: GpsData) -> BoolArray:
         share = (since / (since + until))[:, None]
         way = place[row] - (1.0 - share) * place[first] - share * place[last]
         errors = gates.physical_sd * (sd[row] + np.maximum(sd[first], sd[last]))
-        return np.linalg.norm(way, axis=1), 0.5 * MOST_ACCELERATION * since * until + errors
+        return np.linalg.norm(way, axis=1), 0.5 * SUDDEN * since * until + errors
 
     for length in range(1, IN_A_ROW + 1):
         first = np.arange(1, time.size - length - 2)  # the nearer of two earlier fixes
@@ -177,8 +178,8 @@ def whole_record(
 
 UNUSABLE = 1e4  # standard deviation of invalid positions [m]
 # Least distance by velocities at a repeated position. With jitter: [m], and its largest share of a step. Without: [m],
-# multiples of the resolution. Last, the largest speed at rest [m/s]
-FROZEN, HARDLY, SAME, STEPS, AT_REST = 30.0, 0.01, 3.0, 10.0, 0.5
+# multiples of the resolution
+FROZEN, HARDLY, SAME, STEPS = 30.0, 0.01, 3.0, 10.0
 KEPT = 0.9  # share of the steps by velocities that must cover the distance
 PARKED = 0.2  # of their sd: positions of a stationary vehicle with false velocities scatter more
 # With repeated or missing velocities, samples detect motion: duration [s], averaging time [s], scatter of means above
@@ -208,7 +209,7 @@ def _without_frozen_positions(gps: GpsData, imu: ImuData) -> tuple[GpsData, list
     frozen = list[tuple[float, float, int, int, float]]()
     moved = ned_offset(gps.lla[1:], gps.lla[:-1])
     mean = np.nan_to_num(0.5 * (v_n[1:] + v_n[:-1])[:, :2])
-    gone = mean * (np.diff(gps.time) * (np.linalg.norm(mean, axis=1) > AT_REST))[:, None]
+    gone = mean * (np.diff(gps.time) * (np.linalg.norm(mean, axis=1) > STATIC_SPEED))[:, None]
     level = np.abs(moved[:, :2])
     step, written = np.linalg.norm(level, axis=1), float(np.min(level, initial=FROZEN, where=level != 0.0))
     jitter = np.minimum(HARDLY * np.linalg.norm(gone, axis=1), PARKED * gps.position_sd[1:, :2].min(axis=1))
@@ -264,7 +265,7 @@ def _without_coasting(gps: GpsData) -> tuple[GpsData, list[Finding]]:
     step = np.diff(gps.time)
     moved, led = ned_offset(gps.lla[1:], gps.lla[:-1]), 0.5 * (v_n[1:] + v_n[:-1]) * step[:, None]
     off = np.linalg.norm((moved - led)[:, :2], axis=1)
-    same, moves = (np.diff(v_n, axis=0) == 0.0).all(axis=1), np.linalg.norm(v_n[1:, :2], axis=1) > AT_REST
+    same, moves = (np.diff(v_n, axis=0) == 0.0).all(axis=1), np.linalg.norm(v_n[1:, :2], axis=1) > STATIC_SPEED
     usual = moves & ~same & np.isfinite(off)
     for first, last in runs_of(same & moves) if usual.any() else ():
         lasts = float(gps.time[last] - gps.time[first])

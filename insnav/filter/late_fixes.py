@@ -16,13 +16,14 @@ from numpy.typing import ArrayLike
 
 from insnav import strapdown
 from insnav.alignment import in_motion
+from insnav.alignment.in_motion import SEEN
 from insnav.attitude import dcm_from_quat, rph_from_quat, skew
 from insnav.earth import gravity_n, ned_offset
 from insnav.filter.error_model import first_state, layout
 from insnav.filter.filter_input import FilterInput
 from insnav.filter.gates import impossible, pass_quality
 from insnav.filter.innovation_likelihood import HUBER, bridged, costs_of, weights_of
-from insnav.filter.navigator import SEEN, rates_at, turned
+from insnav.filter.navigator import rates_at, turned
 from insnav.kernels import noise_likelihood
 from insnav.kernels.dynamics import NAV
 from insnav.kernels.measurements import STILL

@@ -12,7 +12,7 @@ import numpy as np
 from insnav import spill
 from insnav.engine import share_of
 from insnav.exceptions import DivergenceError
-from insnav.filter.agreement import contradicted, unlikely
+from insnav.filter.agreement import unlikely
 from insnav.filter.ambiguity import resets_of, widen_by_jumps, with_wider_sd
 from insnav.filter.filter_input import FilterInput, Output
 from insnav.filter.gates import Gates
@@ -30,9 +30,7 @@ from insnav.types import FloatArray, GpsData, ImuData, Run, Trajectory
 
 AidingChoice = Literal["auto", "on", "off"]
 GAP_WORTH = 3.0  # shortest GPS gap for a second pass with other aiding: shorter gaps drift by centimetres [s]
-CREEPS = 10.0  # least increase of twice the log-likelihood for dropping unconfirmed stops or weakening assumptions
-ASSUMED = NonHolonomic, ZeroVelocity  # assumptions on vehicle motion, not sensors
-WEAKER = 5.0  # factor on the sd of doubtful motion assumptions, which gaps still need [-]
+CREEPS = 10.0  # least increase of twice the log-likelihood for dropping unconfirmed stops
 UNKNOWN_HEIGHT = 1000.0  # standard deviation if fixes have no heights [m]
 DENSE = 0.1  # interval of the solution for calibration of aiding and comparison with fixes [s]
 
@@ -70,8 +68,10 @@ def navigate_recording(
     Raises: InputError: no fixes, or an initial state outside the record. AlignmentError: the data do not determine the
     attitude. DivergenceError: the filter lost consistency.
     """
-    ready = prepare(imu, gps, spec, receiver or Receiver(), known=known)
-    return navigate_prepared(replace(ready, gates=gates, output=output or Output()), spec, aiding=aiding)
+    ready, output = prepare(imu, gps, spec, receiver or Receiver(), known=known), output or Output()
+    every = replace(output, interval=dense(output.interval))
+    done = navigate_prepared(replace(ready, gates=gates, output=every), spec, aiding=aiding)
+    return replace(done, run=thinned(done.run, output.interval))
 
 
 def navigate_prepared(
@@ -86,23 +86,21 @@ def navigate_prepared(
 
     `widen`: by the remaining ambiguity of the record. `progress`: called with the fraction done.
     """
-    every = ready.output.interval
     held = any(isinstance(each, HeightAiding) for each in ready.aiding.measurements or ())
-    ready = replace(ready, output=replace(ready.output, interval=dense(every)))
     if aiding == "on" or (aiding == "auto" and (ready.aiding.logs or _longest_gap(ready) > GAP_WORTH)):
         first = _first_pass(ready, share_of(progress, 0.0, 0.5))
         progress = share_of(progress, 0.5, 0.5)
         ready = _add_aiding(ready, first, spec)
-        ready, run = _doubt_motion(*_doubt_stops(ready, _run(ready, progress)), first)
-    else:
         ready, run = _doubt_stops(ready, _run(ready, progress))
+    else:
+        run = _run(ready, progress)
     if run.smoothed is not None and (jumps := resets_of(run)):  # to fixes that may be false
         run = widen_by_jumps(run, jumps)
     if run.smoothed is not None and widen is not None:
         run = widen(run)
     outside = _outside(ready.fix_time, ready.initial.time, float(ready.imu.time[-1]))
     events = (*ready.faults, *run.events, *outside)
-    run = replace(thinned(run, every), events=events, gps_delay=run.gps_delay + ready.clock)
+    run = replace(run, events=events, gps_delay=run.gps_delay + ready.clock)
     if not heights_measured(ready.gps.lla) and not held:
         run = with_wider_sd(run, lambda _, sd: np.hypot(sd, UNKNOWN_HEIGHT * np.eye(9)[2]))
     return Navigated(run, ready, (*ready.notes, *_axes(run, ready)))
@@ -164,41 +162,23 @@ def _add_aiding(ready: FilterInput, run: Run, spec: ImuSpec) -> FilterInput:
     return replace(ready.replace_aiding(used).add_notes(*notes), model=replace(ready.model, axes_sd=axes_sd))
 
 
-def _doubt_motion(ready: FilterInput, run: Run, first: Run) -> tuple[FilterInput, Run]:
-    """Weaken the motion assumptions if the first pass, without them, makes the fixes more likely."""
-    aiding, cost = ready.aiding.measurements or (), unlikely(run, ready)
-    assumed = any(isinstance(each, ASSUMED) for each in aiding)
-    if not assumed or cost < unlikely(first, ready) + CREEPS:
-        return ready, run
-    weaker = (replace(each, sd=WEAKER * each.sd) if isinstance(each, ASSUMED) else each for each in aiding)
-    note = Finding.of(Code.RECORD_MOTION, run.innovations.time[0], sd_factor=WEAKER)
-    other = ready.replace_aiding(weaker).add_faults(note)
-    freer = _run(other, None)
-    return (other, freer) if unlikely(freer, ready) < cost - CREEPS else (ready, run)
-
-
 def _doubt_stops(ready: FilterInput, run: Run) -> tuple[FilterInput, Run]:
-    """Drop stops in gaps of the fixes, or all, if fixes contradict them: a creeping vehicle may hardly vibrate."""
+    """Drop the stops in gaps of the fixes if the fixes are likelier without: a creeping vehicle may hardly vibrate."""
     aiding = ready.aiding.measurements or ()
     zupt = next((each for each in aiding if isinstance(each, ZeroVelocity)), None)
-    if zupt is None or run.smoothed is None or not contradicted(run, ready):
+    if zupt is None:
         return ready, run
     edges = np.concatenate([[-np.inf], ready.fix_time[ready.gps.valid], [np.inf]])
     rows = np.searchsorted(edges, zupt.stops)
     seen = np.array([np.diff(edges[a - 1 : b + 1]).max() <= GAP_WORTH for a, b in rows])
-    others = tuple(each for each in aiding if each is not zupt)
-    notes = tuple(note for note in ready.notes if note.code is not Code.ZUPT_USED)
-    least, best = unlikely(run, ready) - CREEPS, (ready, run)
-    for kept in ([seen] if seen.any() and not seen.all() else []) + [np.zeros_like(seen)]:
-        some = (replace(zupt, stops=zupt.stops[kept]),) * bool(kept.any())
-        code = Code.ZUPT_PARTLY if some else Code.ZUPT_CONTRADICTED
-        note = Finding.of(code, count=kept.sum(), total=kept.size)
-        bare = replace(ready.replace_aiding((*others, *some)), notes=(*notes, note))
-        other = _run(bare, None)
-        cost = unlikely(other, bare)
-        if cost < least and not contradicted(other, bare):  # otherwise the fixes are false
-            least, best = cost, (bare, other)
-    return best
+    if seen.all():
+        return ready, run
+    kept = (replace(zupt, stops=zupt.stops[seen]),) * bool(seen.any())
+    note = Finding.of(Code.ZUPT_PARTLY, count=seen.sum(), total=seen.size)
+    notes = (*(each for each in ready.notes if each.code is not Code.ZUPT_USED), note)
+    other = replace(ready.replace_aiding((*(each for each in aiding if each is not zupt), *kept)), notes=notes)
+    freer = _run(other, None)
+    return (other, freer) if unlikely(freer, other) < unlikely(run, ready) - CREEPS else (ready, run)
 
 
 def _axes(run: Run, ready: FilterInput) -> tuple[Finding, ...]:

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from insnav import strapdown
+from insnav.alignment.in_motion import SEEN
 from insnav.alignment.static import stays
 from insnav.exceptions import ConfigError
 from insnav.filter import gates as gate
@@ -36,7 +37,6 @@ POSITION = (Code.GATE_POSITION, Code.DEWEIGHTED_POSITION)
 VELOCITY = (Code.GATE_VELOCITY, Code.DEWEIGHTED_VELOCITY)
 DEWEIGHTED = (Code.DEWEIGHTED_POSITION, Code.DEWEIGHTED_VELOCITY)
 MARGIN = LOOKAHEAD + strapdown.LOST_WINDOW + 2  # newest samples, which wait for their neighbours
-SEEN = 0.1  # before and after a fix: longest smoothing in a receiver [s]
 QUANTUM = 2.0**-40  # of angles, far below gyro resolution [rad]
 COAST = 1.0  # longest time between filter epochs: the transition is of second order [s]
 BROKEN = 3.0  # a longer time without a rejected fix ends a run of rejections, if fixes come more often [s]

@@ -22,7 +22,7 @@ from insnav.kernels.dynamics import NAV
 from insnav.kernels.errorstate import SENSOR, STATES, Outputs, feed_back, move_along, move_by_motion
 from insnav.kernels.output import add_moved, deviations, moved, sides
 from insnav.kernels.smoother import correct
-from insnav.strapdown import TIME_TOLERANCE
+from insnav.strapdown import TIME_TOLERANCE, between
 from insnav.types import (
     AidingUse,
     BoolArray,
@@ -328,13 +328,10 @@ def rows_of(time: FloatArray, epochs: FloatArray) -> IntArray:
 
 def covariance_at(time: FloatArray, epochs: Epochs) -> FloatArray:
     """Interpolate the covariance of position, velocity, attitude linearly in time, (n, 9, 9); zero without epochs."""
-    if not epochs.time.size:
-        return np.zeros((time.size, 9, 9))
-    first = np.clip(np.searchsorted(epochs.time, time) - 1, 0, max(epochs.time.size - 2, 0))
-    second = np.minimum(first + 1, epochs.time.size - 1)
-    step = np.maximum(epochs.time[second] - epochs.time[first], TIME_TOLERANCE)
-    share = np.clip((time - epochs.time[first]) / step, 0.0, 1.0)[:, None, None]
-    return np.asarray((1.0 - share) * epochs.covariance[first] + share * epochs.covariance[second])
+    covariance = epochs.covariance if epochs.time.size else np.zeros((1, 9, 9))
+    if len(covariance) == 1:
+        return np.repeat(covariance, time.size, axis=0)
+    return between(epochs.time, covariance.reshape(-1, 81), time)[1].reshape(-1, 9, 9)
 
 
 def move_to_point(

@@ -12,6 +12,7 @@ from typing import Any, Final, Unpack, cast
 import numpy as np
 
 from insnav.alignment import Mounting, find_mounting
+from insnav.alignment.align import STATIC_SPEED
 from insnav.alignment.clock_offset import ClockOffset
 from insnav.errors.evaluated_run import failure, same_positions
 from insnav.exceptions import DivergenceError, InputError, InsnavError
@@ -47,7 +48,6 @@ WORST_FIRST: Final = (
 )
 BEGIN = 300.0  # navigated part of a drive [s]
 ATTEMPTS = 6  # with inputs that a refusal requests
-STANDING = 0.3  # GPS speed of a stationary vehicle [m/s]
 WORTH = {"delay": 0.05, "lever": 0.2}  # smallest reported values [s], [m]
 STEP = 0.004 * G0  # of the specific force between stops [m/s^2]
 LEAST_RATE, JITTER = 40.0, 0.05  # of an IMU without finding [Hz], relative to its interval
@@ -294,7 +294,7 @@ def _standing(imu: ImuData, gps: GpsData) -> BoolArray | None:
     known = np.isfinite(gps.v_n).all(axis=1)
     if known.sum() < 2:
         return None
-    return np.asarray(np.interp(imu.time, gps.time[known], np.linalg.norm(gps.v_n[known], axis=1)) < STANDING)
+    return np.asarray(np.interp(imu.time, gps.time[known], np.linalg.norm(gps.v_n[known], axis=1)) < STATIC_SPEED)
 
 
 def _report_sensor_faults(imu: ImuData, patient: _Patient) -> None:

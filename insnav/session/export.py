@@ -25,7 +25,6 @@ from insnav.types import FloatArray, Trajectory
 
 Solution = Literal["smoothed", "filtered", "poses"]
 _START = EPOCH.astype("datetime64[ns]")
-_UNIX_FROM = 1e9  # larger times are Unix time [s]
 
 
 def export(folder: Path, kind: str, **how: Any) -> bytes:
@@ -123,7 +122,7 @@ def _instants(
     time: FloatArray, week: int | None
 ) -> tuple[NDArray[np.datetime64], NDArray[np.datetime64]] | tuple[None, None]:
     """Convert seconds of a GPS week, or Unix time, to UTC and GPS time; None if neither."""
-    if time[0] > _UNIX_FROM:
+    if time[0] > UNIX_DAYS * DAY:  # seconds of a week are smaller, Unix times since the GPS epoch are larger
         since = time - UNIX_DAYS * DAY
         day = np.floor(since / DAY)
         utc = _START + np.round(since * 1e6).astype(np.int64) * np.timedelta64(1, "us")

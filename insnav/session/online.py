@@ -150,7 +150,9 @@ class OnlineFilter:
         assert given is not None
         self._start = start if isinstance(start, Start) else None
         self._spec, self._heading, self._static = given[0], inputs.get("heading"), inputs.get("static")
-        self._receiver = given_receiver(inputs)
+        receiver = given_receiver(inputs)
+        self._delay, delay = receiver.delay.value, replace(receiver.delay, value=0.0)
+        self._receiver = replace(receiver, delay=delay)
         none, three = np.empty(0), np.empty((0, 3))
         self._nothing = ImuData(none, three, three, inputs.get("sampling") or "mean", inputs.get("stamp") or "end")
         self._states, self._nominal, self._correlated = states, None if rate is None else 1.0 / rate, correlated
@@ -237,9 +239,10 @@ class OnlineFilter:
         if v_n is not None:
             velocity = _array("v_n", v_n, (3,), known=False)
         kind = np.array([5 if fix is None else fix])
+        at = at - self._delay  # the filter sees fixes without the specified delay
         found = with_sd(GpsData(at, place[None], velocity[None], sds[None, :3], sds[None, 3:], kind))[0]
-        near, moment, gps = strapdown.TIME_TOLERANCE, float(at[0]) - self._receiver.delay.value, self._gps
-        first, after = gps.time.searchsorted([at[0] - near, at[0] + near])
+        near, moment, gps = strapdown.TIME_TOLERANCE, float(found.time[0]), self._gps
+        first, after = gps.time.searchsorted([moment - near, moment + near])
         late = self._last - moment
         if first < after or (self._saved and (late > WINDOW or moment <= self._saved[0][0] + near)):
             code = Code.ONLINE_FIX_REPEATED if first < after else Code.ONLINE_FIX_LATE
@@ -270,7 +273,7 @@ class OnlineFilter:
         deviations(np.array([nav.done]), np.zeros(1, np.int64), variance, self._axes_sd, rph, sd)
         lla, v_n, gyro_bias, accel_bias = np.split(np.concatenate([now.x[:6], now.correction[:6]]), 4)
         found = lla, v_n, rph[0], gyro_bias, accel_bias, p[:STATES, :STATES].copy(), sd[0], now.lever.copy()
-        return OnlineState(True, nav.done, *found, self._receiver.delay.value + now.delay, findings)
+        return OnlineState(True, nav.done, *found, self._delay + now.delay, findings)
 
     def _take(self, some: ImuData) -> None:
         """Take samples without a long gap between them."""
@@ -280,7 +283,7 @@ class OnlineFilter:
             if not self._aligning:
                 self._ended = before
             self._aligning, self._held, self._saved, self._recent = True, self._nothing, [], []
-            self._gps = self._gps.rows(self._gps.time - self._receiver.delay.value > before)
+            self._gps = self._gps.rows(self._gps.time > before)
             self._record.event(Finding.of(Code.ONLINE_GAP, before, before + gap, gap_s=gap, limit_s=LONGEST_GAP))
         if not self._aligning:
             self._process(some)
@@ -295,13 +298,13 @@ class OnlineFilter:
         """Align with samples since the start, or since a gap, if they are sufficient; return those still needed."""
         begin, first, gps = float(held.time[0]), self._nav is None, self._gps
         if self._nominal is not None and not first:  # of the same part
-            gps = gps.rows(gps.time - self._receiver.delay.value >= begin - self._nominal)
+            gps = gps.rows(gps.time >= begin - self._nominal)
         start, moving = self._start if first else None, None
         until = np.inf if self._static is None else self._static[1]
         if start is not None:
             until = start.time + COAST
         elif gps.time.size and (moving := first_motion(velocity(gps), begin)) is not None:
-            until = moving - self._receiver.delay.value + AFTER
+            until = moving + AFTER
         if self._last < until or (self._nominal is None and self._last - begin < SHORTEST) or not gps.time.size:
             return held
         receiver = self._receiver
@@ -347,7 +350,7 @@ class OnlineFilter:
                 while len(self._saved) > 1 and self._saved[1][0] < self._last - WINDOW:
                     del self._saved[0]
                 self._recent = [each for each in self._recent if each.time[-1] > self._saved[0][1]]
-                self._gps = self._gps.rows(self._gps.time - self._receiver.delay.value >= self._saved[0][0])
+                self._gps = self._gps.rows(self._gps.time >= self._saved[0][0])
 
     def _repeat(self, time: float) -> None:
         """Go back to before a time [s], and navigate the samples since with all fixes."""

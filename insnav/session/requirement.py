@@ -26,7 +26,6 @@ from insnav.simulate.truth import Truth, straight
 from insnav.steps.given import one_of
 
 BEFORE = 300.0  # GPS before the outage, if the motion is long enough [s]
-HORIZON = 300.0  # propagation of real IMU errors after the outage begins, if the motion is long enough [s]
 OUTAGES = 5  # spread over a motion
 LEAST_BEFORE = 60.0  # GPS in motion before the first outage [s]
 LONGEST_PARTS = 600.0  # longest outage with an evaluation of real IMUs [s]
@@ -129,7 +128,7 @@ def requirement_of(error: str | float, after: str | float, settings: Requirement
 def moving(profile: str | None, settings: RequirementSettings, after: float) -> Moving:
     """Build the motion of a profile, or rest."""
     if profile is None:
-        truth: Truth = straight(REST, 0.0, 0.0, BEFORE + max(after, HORIZON) + 1.0)
+        truth: Truth = straight(REST, 0.0, 0.0, BEFORE + max(after, LONGEST_FREE) + 1.0)
         return Moving(truth, "at rest, level, heading north, at a latitude of 45 deg", moves=False)
     chosen = load_profile(profile)
     return Moving(chosen.truth((settings.seed, MOTION_STREAM)), f"{chosen.name} ({chosen.purpose.rstrip('.')})")
@@ -179,7 +178,7 @@ def study_of(
 def outages(motion: Moving, after: float, begin: float, settings: RequirementSettings) -> list[float]:
     """Return the ends of GPS for the comparison of IMUs [s]: as specified, or several over the motion."""
     first = first_movement(motion.truth) + LEAST_BEFORE
-    last = motion.truth.duration - max(after, min(HORIZON, 0.5 * (motion.truth.duration - first)))
+    last = motion.truth.duration - max(after, min(LONGEST_FREE, 0.5 * (motion.truth.duration - first)))
     if settings.begin is not None or not motion.moves or last <= first:
         return [begin]
     return [float(each) for each in np.floor(np.linspace(first, last, OUTAGES))]
@@ -190,7 +189,7 @@ def with_parts(
 ) -> RequirementStudy:
     """Add the real IMUs that meet a requirement, useful aiding for the others, and the dominant figures."""
     required = study.required
-    moved = studies.propagation(motion.truth, begins, max(required.after, HORIZON))
+    moved = studies.propagation(motion.truth, begins, max(required.after, LONGEST_FREE))
     listed = studies.candidates(required, moved, parts())
     failing = [each for each in listed if each.alone.error > required.error]
     part = find_part((failing or listed[-1:])[0].name if given is None else given.name)

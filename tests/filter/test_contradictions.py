@@ -22,5 +22,5 @@ def test_contradictions_are_warnings_and_repeated_fixes_are_none():
     assert OF_THE_IMU | given < CONTRADICTIONS
     assert not CONTRADICTIONS & NOT_MEASURED
     assert len(given) == 12
-    assert len(CONTRADICTIONS) == 24
+    assert len(CONTRADICTIONS) == 23
     assert all(code.severity is Severity.WARNING for code in CONTRADICTIONS | NOT_MEASURED)

@@ -8,16 +8,15 @@ from functools import cached_property
 from typing import ClassVar, Protocol, Self
 
 import numpy as np
-import scipy  # its parts are loaded on first use
 
-from insnav.alignment.in_motion import Velocity, gives_velocities, velocity
+from insnav.alignment.clock_offset import APART, LONG_ENOUGH, STEP, correlate_masked
+from insnav.alignment.in_motion import SLOWEST, Velocity, gives_velocities, velocity
 from insnav.attitude import dcm_from_rph
 from insnav.findings import Finding
 from insnav.imu.specification import ImuSpec
 from insnav.types import BoolArray, FloatArray, GpsData, ImuData, SensorLog, Trajectory
 from insnav.units import DEG
 
-FAST = 2.0  # below this speed the velocity error dominates its direction [m/s]
 ENOUGH = 60.0  # time at such speeds that determines mounting angles to a tenth of a degree [s]
 # A car on a road stays within centimetres per second; tracked, floating or flying vehicles do not.
 LARGEST_RMS = 0.3  # of the velocity across the direction of travel, for a non-holonomic constraint [m/s]
@@ -99,8 +98,8 @@ class FirstPass:
 
     @cached_property
     def fast(self) -> BoolArray:
-        """Rows with a speed above `FAST`, (n,)."""
-        return np.asarray(np.linalg.norm(self.solution.v_n, axis=1) > FAST)
+        """Rows with a speed above `SLOWEST`, (n,)."""
+        return np.asarray(np.linalg.norm(self.solution.v_n, axis=1) > SLOWEST)
 
     @cached_property
     def fast_time(self) -> float:
@@ -226,10 +225,7 @@ def _sum_of_correlations(residual: FloatArray, stride: int) -> float:
     return total
 
 
-STEP = 0.2  # step of the search, before a finer fit [s]
-LEAST_OVERLAP = 60.0  # least common time of both records [s]
 LEAST_CORRELATION = 0.9  # of two records of one motion; hills and corners alone give 0.5
-APART = 5.0  # offsets farther apart are different solutions [s]
 CLEARER = 2.0  # least ratio of unexplained parts, every other offset to the best, ...
 LEAST_UNEXPLAINED = 0.02  # ... whose unexplained part is at least this, however well two speeds agree [-]
 LONGEST_GAP = 1.0  # longest interval over which a speed is interpolated [s]
@@ -243,22 +239,11 @@ def clock_offset(time: FloatArray, speed: FloatArray, log_time: FloatArray, log_
     `time`, `speed` (n,): times [s] and known speed [m/s]. `log_time`, `log_speed` (m,): of the log; any unit of speed.
     Returns: time by the log minus time [s]; None if no shift stands out.
     """
-    a, known_a = _even(time, speed)
-    b, known_b = _even(log_time, log_speed)
-    if min(a.size, b.size) * STEP < LEAST_OVERLAP:
+    (a, known_a), (b, known_b) = _even(time, speed), _even(log_time, log_speed)
+    if min(known_a.sum(), known_b.sum()) * STEP < LONG_ENOUGH:
         return None
-
-    def sums(x: FloatArray, y: FloatArray) -> FloatArray:
-        """Compute the sum of ``x[i] y[i + k]`` for every shift k, from ``1 - x.size`` on."""
-        return np.asarray(scipy.signal.fftconvolve(y, x[::-1]))
-
-    # centred correlation of the common rows, at every shift at once
-    n = sums(known_a, known_b)
-    enough = n * STEP >= max(LEAST_OVERLAP, 0.5 * STEP * min(known_a.sum(), known_b.sum()))
-    n = np.maximum(n, 1.0)
-    mean_a, mean_b = sums(a, known_b) / n, sums(known_a, b) / n
-    power = (sums(a * a, known_b) / n - mean_a**2) * (sums(known_a, b * b) / n - mean_b**2)
-    correlation = (sums(a, b) / n - mean_a * mean_b) / np.sqrt(np.maximum(power, 1e-6))
+    correlation, count = correlate_masked(a, known_a, b, known_b)
+    enough = count * STEP >= max(LONG_ENOUGH, 0.5 * STEP * min(known_a.sum(), known_b.sum()))
     correlation = np.where(enough, correlation, -1.0)
     offset = (np.arange(correlation.size) - (a.size - 1)) * STEP + log_time[0] - time[0]
     best = int(np.argmax(correlation))
@@ -283,8 +268,7 @@ def near_values(time: FloatArray, at: FloatArray) -> BoolArray:
     return np.asarray(inside & (time[after] - time[after - 1] <= LONGEST_GAP))
 
 
-def _even(time: FloatArray, speed: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Resample speed at even times, zero in gaps; also return 1 where it is known."""
+def _even(time: FloatArray, speed: FloatArray) -> tuple[FloatArray, BoolArray]:
+    """Resample speed at even times; also find where it is known."""
     at = np.arange(time[0], time[-1], STEP)
-    known = near_values(time, at).astype(np.float64)
-    return np.interp(at, time, speed) * known, known
+    return np.interp(at, time, speed), near_values(time, at)

@@ -7,10 +7,11 @@ from typing import ClassVar, Self
 
 import numpy as np
 
-from insnav.alignment.in_motion import Velocity
+from insnav.alignment.in_motion import SLOWEST, Velocity
+from insnav.alignment.static import WINDOW
 from insnav.attitude import dcm_from_rph, wrap_pi
 from insnav.filter.measurements import measurement
-from insnav.filter.measurements.measurement import INTERVAL, NOTHING, FilterView, FirstPass
+from insnav.filter.measurements.measurement import INTERVAL, LONGEST_GAP, NOTHING, FilterView, FirstPass
 from insnav.findings import Code, Finding
 from insnav.imu.specification import ImuSpec
 from insnav.kernels.measurements import body_heading, vehicle_velocity, zero_velocity
@@ -19,7 +20,6 @@ from insnav.tabular import runs_of
 from insnav.types import BoolArray, FloatArray, ImuData
 from insnav.units import DEG
 
-WINDOW = 0.5  # length of the classified windows: several periods of an idling engine [s]
 STATIONARY, MOVING = 0.15, 1.0  # certainly stationary below, certainly moving above [m/s]
 FALSE_STOPS = 0.002  # share of moving windows misclassified as stationary: a false ZUPT costs metres
 FEWEST_STOPS = 0.5  # least share of detected stationary windows for a useful ZUPT
@@ -118,7 +118,7 @@ def _seen(speed: Velocity, begin: FloatArray, end: FloatArray) -> tuple[BoolArra
     return seen & (most < max(STATIONARY, noise)), seen & (least > max(MOVING, 2.0 * noise))
 
 
-LEAST_SIDEWAYS_SD = 0.05  # suspension and tyre slip keep every vehicle above this [m/s]
+LEAST_VEHICLE_SD = 0.05  # suspension, tyre pressure and wheel slip keep every vehicle above this [m/s]
 
 
 @dataclass(frozen=True, slots=True)
@@ -136,7 +136,7 @@ class NonHolonomic:
 
     def observe(self, at: FilterView, z: FloatArray, h: FloatArray) -> slice:
         """See `Measurement`; rows 1 and 2, since row 0 would be the forward speed."""
-        if at.speed < measurement.FAST:
+        if at.speed < SLOWEST:
             return NOTHING
         vehicle_velocity(at.x, at.rate, self.to_vehicle, self.lever_b, np.nan, z, h)
         return slice(1, 3)
@@ -147,7 +147,7 @@ class NonHolonomic:
         found = first.mounting
         if found is None:
             return None, Finding.of(
-                Code.NHC_SLOW, duration_s=first.fast_time, limit_s=measurement.ENOUGH, speed_m_s=measurement.FAST
+                Code.NHC_SLOW, duration_s=first.fast_time, limit_s=measurement.ENOUGH, speed_m_s=SLOWEST
             )
         # angles of the IMU in the vehicle, as everywhere: opposite in sign to `angles`
         (right, down), (pitch, yaw), (pitch_sd, yaw_sd) = found.rms, -found.angles, found.sd
@@ -158,7 +158,7 @@ class NonHolonomic:
         if not found.holds:
             return None, Finding.of(Code.NHC_TURNED, yaw_rad=yaw, pitch_rad=pitch, limit_rad=measurement.WIDEST)
         sd = np.maximum(
-            LEAST_SIDEWAYS_SD, [measurement.time_correlated_sd(each, first.step) for each in (found.right, found.down)]
+            LEAST_VEHICLE_SD, [measurement.time_correlated_sd(each, first.step) for each in (found.right, found.down)]
         )
         note = Finding.of(
             Code.NHC_USED,
@@ -173,12 +173,10 @@ class NonHolonomic:
         return cls(found.to_vehicle, found.lever_b, sd), note
 
 
-LEAST_SPEED_SD = 0.05  # lower limit by wheel slip and tyre pressure [m/s]
 LARGEST_SPEED_RMS = 0.5  # of a useful speed: the free-inertial error after tens of seconds [m/s]
 LAGS = np.arange(-0.2, 2.0, 0.02)  # odometer lag; buses and filters delay it by up to a second [s]
 SCALES = (0.5, 2.0)  # plausible scale factors in the unit of the header
 FEWEST = 100  # values for a calibration
-LONGEST_GAP = 1.0  # speeds farther apart are not interpolated [s]
 
 
 @dataclass(frozen=True, slots=True)
@@ -200,7 +198,7 @@ class Odometer:
         """See `Measurement`."""
         row = int(np.clip(np.searchsorted(self.time, at.time), 1, self.time.shape[0] - 1))
         near = self.time[row] - self.time[row - 1] <= LONGEST_GAP and abs(self.time[row] - at.time) <= LONGEST_GAP
-        if at.speed < measurement.FAST or not near:
+        if at.speed < SLOWEST or not near:
             return NOTHING
         speed = float(np.interp(at.time, self.time, self.speed))
         vehicle_velocity(at.x, at.rate, self.to_vehicle, self.lever_b, speed, z, h)
@@ -236,7 +234,7 @@ class Odometer:
         if code is not Code.ODOMETER_USED:
             return None, found
         residual = forward - scale * np.interp(at + lag, time, speed)
-        sd = np.array([max(LEAST_SPEED_SD, measurement.time_correlated_sd(residual, first.step))])
+        sd = np.array([max(LEAST_VEHICLE_SD, measurement.time_correlated_sd(residual, first.step))])
         return cls(time - lag, scale * speed, first.mounting.to_vehicle, first.mounting.lever_b, sd), found
 
 
@@ -291,7 +289,7 @@ class Speedometer(Odometer):
 
 def _outliers(forward: FloatArray, shown: FloatArray, rows: BoolArray) -> BoolArray:
     """Find speeds that do not fit a common scale factor."""
-    factor = float(np.median(forward[rows] / np.maximum(shown[rows], measurement.FAST)))
+    factor = float(np.median(forward[rows] / np.maximum(shown[rows], SLOWEST)))
     residual = np.abs(forward - factor * shown)
     return np.asarray(rows & (residual > max(LEAST_OUTLIER, OUTLIER * 1.4826 * float(np.median(residual[rows])))))
 
