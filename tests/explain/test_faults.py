@@ -216,7 +216,7 @@ def test_a_false_first_fix_is_found(seed):
     clean = horizontal(seed, undisturbed(seed)).max()
     done = navigated(seed, gps_spike(gps, 1100.0, (gps.time[0], gps.time[0])))
     assert horizontal(seed, done).max() < clean + 2.0
-    assert [each["count"] for each in of_code(done.notes, Code.ALIGN_FALSE_START)] == [1]
+    assert [each["count"] for each in of_code(done.findings, Code.ALIGN_FALSE_START)] == [1]
 
 
 @pytest.mark.parametrize("seconds", [30.0, pytest.param(120.0, marks=WORSE)])
@@ -552,7 +552,7 @@ def the_fault(seed: int, kind: str, size: float) -> Fault:
 
 def least(seed: int, kind: str) -> float:
     """The least size of a fault that a drive without one states to be found."""
-    (found,) = of_code(shown(seed)[0].notes, Code.GPS_DETECTABLE)
+    (found,) = of_code(shown(seed)[1].findings, Code.GPS_DETECTABLE)
     return float(found[KEYS[kind]])
 
 
