@@ -6,6 +6,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 from collections.abc import Mapping
 from typing import Any
@@ -18,6 +19,11 @@ _KEPT = re.compile(r"(\{[^}]*\}|\[\[|\]\])")
 def reverse_text(text: str) -> str:
     """Reverse the letters between the numbers of a text."""
     return "".join(part if _KEPT.fullmatch(part) else part[::-1] for part in _KEPT.split(text))
+
+
+def as_shown(text: str) -> str:
+    """Return a part of a message, without numbers, as this process shows it."""
+    return reverse_text(text) if "INSNAV_REVERSED" in os.environ else text
 
 
 def reverse_messages() -> None:

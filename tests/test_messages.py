@@ -266,7 +266,7 @@ def test_severities_rise():
 # Decisions are made by codes and numbers. Inside the package nothing reads what a finding says.
 TEXT_METHODS = {"startswith", "endswith", "removeprefix", "removesuffix", "partition", "split", "replace", "find"}
 TEXT_FUNCTIONS = {"search", "match", "fullmatch", "findall", "sub", "finditer"}
-RENDERED = {"sentence", "render"}
+RENDERED = {"sentence", "render", "render_error", "translated", "phrase"}
 
 
 def decisions(tree: ast.AST) -> Iterator[int]:
@@ -297,7 +297,7 @@ def is_rendered(node: ast.AST, names: set[str]) -> bool:
     if isinstance(node, ast.Attribute):
         return node.attr in PARTS[1:] and is_rendered(node.value, names)
     if isinstance(node, ast.Call):
-        if isinstance(node.func, ast.Name) and node.func.id in RENDERED:
+        if getattr(node.func, "id", getattr(node.func, "attr", "")) in RENDERED:
             return True
         return (
             isinstance(node.func, ast.Name) and node.func.id == "str" and any(is_rendered(a, names) for a in node.args)
@@ -320,6 +320,7 @@ def test_such_a_decision_would_be_noticed():
         "if sentence(x).startswith('gyro'): pass",
         "text = sentence(x)\nif 'gyro' in text: pass",
         "re.search('gyro', render(x).text)",
+        "if 'gyro' in messages.translated(x): pass",
         "message = render(x)\nmessage.done.removeprefix('y')",
     ):
         assert list(decisions(ast.parse(line))), line

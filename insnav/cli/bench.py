@@ -75,7 +75,7 @@ def allan(
     span = common.span(static, "--static") if static else None
     with working(out, force) as (folder, stage):
         given = replace(data, inputs=cast(Inputs, {**data.inputs, "rate": rate}))
-        source: Any = data.imu if column else given.read_imu(stage, bench="noise")
+        source: Any = data.imu if column else given.read_imu(stage, "noise")
         stage("noise")
         from insnav.session.bench import allan as analysed
 

@@ -25,6 +25,7 @@ from insnav.steps.inputs import INPUTS, LOGS, Input, Inputs
 
 if TYPE_CHECKING:
     from insnav.input import Reading, ReadingFacts
+    from insnav.input.readers.imu import Use
     from insnav.output.folder import RunFolder
     from insnav.result import Result
     from insnav.session.drive import Drive
@@ -55,13 +56,13 @@ class Data:
     inputs: Inputs  # inputs specified with them
     options: dict[str, Any]  # all specified options of the command, ready for JSON
 
-    def read_imu(self, stage: Stages, **how: Any) -> Reading[ImuData]:
-        """Read IMU samples without fixes, and log their interpretation. `how`: as for `session.read.read_samples`."""
+    def read_imu(self, stage: Stages, use: Use | None = None) -> Reading[ImuData]:
+        """Read IMU samples without fixes, and log their interpretation. `use`: see `insnav.read_imu`."""
         stage("reading")
         from insnav.session.read import read_samples
 
         assert self.imu is not None
-        reading = read_samples(self.imu, self.inputs, **how)
+        reading = read_samples(self.imu, self.inputs, use)
         say_reading(reading.facts)
         say_scale(reading.facts)
         return reading

@@ -173,7 +173,7 @@ def explain_faults(ready: FilterInput, kinds: Sequence[Kind]) -> tuple[FilterInp
         return ready, Explanation()
     faults = faults_of(parts)
     explained = apply_faults(ready, faults)
-    findings = tuple(find(fault, explained.gps) for fault in faults if fault.family != "delay")
+    findings = *(find(fault, explained.gps) for fault in faults if fault.family != "delay"), limits
     rows = {(each.name, each.begin, each.end): each for each in sorted(tried, key=lambda each: each.gain)}
     for part in parts:
         steps = (step for step in part.search.best.steps if step.kind is not RETURN)
@@ -182,8 +182,7 @@ def explain_faults(ready: FilterInput, kinds: Sequence[Kind]) -> tuple[FilterInp
     best_first = sorted(rows.values(), key=lambda each: (not each.accepted, -each.gain))
     between = np.concatenate([part.time for part in parts]), np.concatenate([mix(part.search) for part in parts])
     passes = sum(part.search.passes for part in parts)
-    explanation = Explanation(tuple(faults), tuple(best_first), passes, runs, findings, between)
-    return explained.add_notes(limits), explanation
+    return explained, Explanation(tuple(faults), tuple(best_first), passes, runs, findings, between)
 
 
 class Part(NamedTuple):

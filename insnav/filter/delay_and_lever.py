@@ -85,6 +85,16 @@ CHEAPER = 0.1
 
 
 @dataclass(frozen=True, slots=True)
+class Aligned:
+    """Recording ready for the filter, on the clock of its fixes."""
+
+    ready: FilterInput
+    findings: tuple[Finding, ...]
+    clock: float = 0.0  # shift of the samples to fix time at the middle of the record [s]: the estimated delay
+    rate: float = 0.0  # rate of this shift [s/s]
+
+
+@dataclass(frozen=True, slots=True)
 class Filtered:
     """Result of the filter over the beginning of a drive, with the clock of its samples unchanged."""
 
@@ -337,27 +347,28 @@ def _with_lag(
     return at, covariance, float(gain + 0.5 * np.log(min(covariance[1, 1] / LAG_SD**2, 1.0)))
 
 
-def on_time(prepared: Callable[[float, float], FilterInput], receiver: Receiver) -> FilterInput:
+def on_time(prepared: Callable[[float, float], Aligned], receiver: Receiver) -> Aligned:
     """Prepare a recording with its samples shifted to the time of the fixes, if the delay is significant.
 
     The search also estimates the vibration lever arm and the attitude of a start in motion. `prepared`: function of the
     clock shift at the start [s] and its rate [s/s]. `receiver`: a specified delay is not estimated.
     """
-    ready = prepared(0.0, 0.0)
+    best = prepared(0.0, 0.0)
     clock, rate = own = 0.0, 0.0
     if receiver.delay.sd <= 0.0 and receiver.lever_arm.sd <= 0.0 and not receiver.lever_arm.value.any():
-        return ready
+        return best
+    ready = best.ready
     seen = filtered(ready)
     lag = ready.receiver.lag
     further, width, lags = seen, receiver.delay.sd, (lag.value, 0.0, lag.moments)
-    before, last, least_delay_sd, shown = (ready, seen, own), 0.0, 0.0, 0.0
+    before, last, least_delay_sd, shown = (best, seen, own), 0.0, 0.0, 0.0
     half = 0.5 * min(float(np.ptp(ready.imu.time)), LONGEST)  # half of the used part of the record [s]
     alone = velocity_lag(ready.gps) if receiver.delay.sd > 0.0 else (0.0, np.inf)
     tried, misfit, cost = before, np.nan, np.nan
     for _ in range(ROUNDS if receiver.delay.sd > 0.0 else 0):
         found = delay_of(further, alone)
         if found.misfit < misfit - BETTER:  # gates reject many fixes, and the others do not determine the delay
-            ready, seen, own = tried
+            best, seen, own = tried
         misfit, cost = found.misfit, found.cost if further is seen else cost
         delay, sd, drift = found[:3]
         least_delay_sd, shown = found.least_delay_sd, clock + delay + half * (rate + drift)
@@ -374,40 +385,41 @@ def on_time(prepared: Callable[[float, float], FilterInput], receiver: Receiver)
         left = float(np.hypot(sd, delay - ahead if moved else delay))
         width = max(receiver.delay.sd, min(LOOKED * left, WIDEST))
         if moved and abs(last) < receiver.delay.sd and ahead * last < -BACK * last**2:
-            ready, seen, own = before
+            best, seen, own = before
             break
         if not moved and not lagging:
             if found.least < cost - CHEAPER:
-                ready, seen, own = tried
+                best, seen, own = tried
             break
-        before, last = (ready, seen, own), 0.0 if drift or not moved else ahead
+        before, last = (best, seen, own), 0.0 if drift or not moved else ahead
         if moved:
             clock, rate = clock + ahead, rate + drift
         there = prepared(clock, rate)
-        there = replace(there, receiver=replace(there.receiver, lag=Lag(found.lag, moments=found.moments)))
+        lagged = replace(there.ready.receiver, lag=Lag(found.lag, moments=found.moments))
+        there = replace(there, ready=replace(there.ready, receiver=lagged))
         # within its reach, the filter's state explains a delay as well, except for nonlinearity
         refined = further is seen and sure == REFINED and near and not drift
-        further = filtered(there)
+        further = filtered(there.ready)
         tried = there, further, (clock, rate)
         if refined or further.misfit <= seen.misfit + WORSE:  # a large delay is found in steps: the first may be worse
-            ready, seen, own = tried
-    receiver = ready.receiver
+            best, seen, own = tried
+    ready, receiver = best.ready, best.ready.receiver
     lever_arm = replace(receiver.lever_arm, shaken=seen.shaken, sd=seen.lever_sd)
     shown -= own[0] + half * own[1]
     searched = replace(receiver.delay, sd=width, least_sd=least_delay_sd, shown=shown)
     lag = Lag(lags[0], LOOKED * lags[1] if lags[1] > WORTH else 0.0, lags[2])
     ready = replace(ready, receiver=replace(receiver, lever_arm=lever_arm, delay=searched, lag=lag))
-    if seen.ready.clock == ready.clock and len(ready.starts) == 1:  # of a start in motion
+    if len(ready.starts) == 1:  # of a start in motion
         ready = replace(ready, starts=seen.ready.starts)
     lagging, known = abs(lags[0]) > LAG_WORTH, lags[1] > 0.0
-    notes = [note for note in ready.notes if lagging > known or note.code is not Code.GPS_VELOCITY_LAG]
+    notes = [note for note in best.findings if lagging > known or note.code is not Code.GPS_VELOCITY_LAG]
     if lagging and known:
         notes.append(name_lag(lags[0], lags[1]))
-    if ready.clock != 0.0:
-        notes.append(Finding.of(Code.GPS_DELAY_MOVED, delay_s=ready.clock))
-    if ready.rate != 0.0:
-        notes.append(Finding.of(Code.IMU_CLOCK_RATE, rate=ready.rate))
-    return replace(ready, notes=tuple(notes))
+    if best.clock != 0.0:
+        notes.append(Finding.of(Code.GPS_DELAY_MOVED, delay_s=best.clock))
+    if best.rate != 0.0:
+        notes.append(Finding.of(Code.IMU_CLOCK_RATE, rate=best.rate))
+    return replace(best, ready=ready, findings=tuple(notes))
 
 
 def with_surer_start(ready: FilterInput, history: History) -> FilterInput | None:
@@ -464,22 +476,22 @@ NO_GYROS = 30.0 * DEG_PER_SQRT_H  # no gyro has this noise; hard mounts in vehic
 WRONG_HEADING = 3.0  # error of a specified heading in sd, from which the heading of the drive is tried
 
 
-def with_right_heading(given: FilterInput, found: FilterInput) -> FilterInput:
+def with_right_heading(given: Aligned, found: Aligned) -> Aligned:
     """Return a recording prepared with or without the specified heading, whichever makes the fixes more likely."""
-    assumed, shown = given.alignment, found.alignment
+    assumed, shown = given.ready.alignment, found.ready.alignment
     off = abs(float(wrap_pi(shown.rph[2] - assumed.rph[2])))
     limit = WRONG_HEADING * float(assumed.sd[2])
     if off < limit:
         return given
-    ready, code = found, Code.GIVEN_HEADING_REJECTED
-    if filtered(given).misfit <= filtered(found).misfit:
-        ready, code = given, Code.GIVEN_HEADING_KEPT
+    chosen, code = found, Code.GIVEN_HEADING_REJECTED
+    if filtered(given.ready).misfit <= filtered(found.ready).misfit:
+        chosen, code = given, Code.GIVEN_HEADING_KEPT
         if off < WRONG_HEADING * np.hypot(assumed.sd[2], shown.sd[2]):
             return given
     values: dict[str, Any] = {"difference_rad": off, "limit_rad": limit, "given_rad": assumed.rph[2]}
     values |= {"estimate_rad": shown.rph[2], "estimate_sd_rad": shown.sd[2]}
-    heading = Finding.of(code, ready.initial.time, **values)
-    return ready.add_faults(heading)
+    heading = Finding.of(code, chosen.ready.initial.time, **values)
+    return replace(chosen, findings=(*chosen.findings, heading))
 
 
 def pretended(ready: FilterInput, run: Run) -> float:

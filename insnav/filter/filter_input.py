@@ -17,7 +17,6 @@ from insnav.filter.measurements.measurement import Measurement
 from insnav.filter.measurements.sensors import HeightAiding
 from insnav.filter.noise_estimate import NoiseEstimate, start_by
 from insnav.filter.receiver import Receiver
-from insnav.findings import Finding
 from insnav.types import Alignment, BoolArray, FloatArray, GpsData, ImuData, RoundingChange, SensorLog, StateChange
 
 LONGEST_REST = 3600.0  # longest initial stationary time that is looked for [s]
@@ -70,11 +69,6 @@ class FilterInput:
     output: Output = field(default_factory=Output)
     explained: Explained = field(default=Explained())
     rounding: tuple[RoundingChange, ...] = ()  # of coarse gyros, in order of time
-    notes: tuple[Finding, ...] = ()  # findings
-    faults: tuple[Finding, ...] = ()  # samples that were replaced or removed
-    noise: NoiseEstimate | None = None  # estimate from the innovations of the drive
-    clock: float = 0.0  # shift of the samples to fix time [s]: the estimated delay
-    rate: float = 0.0  # rate of this shift [s/s]
 
     @property
     def alignment(self) -> Alignment:
@@ -90,19 +84,6 @@ class FilterInput:
     def fix_time(self) -> FloatArray:
         """Times of the fixes without the specified delay, (n,) [s]."""
         return self.gps.time - self.receiver.delay.value
-
-    @property
-    def findings(self) -> tuple[Finding, ...]:
-        """Findings, including sample faults."""
-        return (*self.notes, *self.faults)
-
-    def add_notes(self, *notes: Finding) -> FilterInput:
-        """Copy with further findings."""
-        return replace(self, notes=(*self.notes, *notes))
-
-    def add_faults(self, *faults: Finding) -> FilterInput:
-        """Copy with further faults."""
-        return replace(self, faults=(*self.faults, *faults))
 
     def replace_start(self, alignment: Alignment, initial: InitialState) -> FilterInput:
         """Copy with another start."""
@@ -143,7 +124,7 @@ class FilterInput:
         """Copy with the estimated noise, except misalignments."""
         model = error_model(found.filter_spec, self.model.states)
         scaled = self.scale_sds(model, found.position_factor, found.velocity_factor)
-        return replace(scaled.replace_correlated(found.correlated), model=model, noise=found)
+        return replace(scaled.replace_correlated(found.correlated), model=model)
 
     def scale_sds(self, model: ErrorModel, position: FloatArray, velocity: FloatArray) -> FilterInput:
         """Scale the standard deviations of fixes by (3,) each [-], and adapt the starts to these and an error model."""

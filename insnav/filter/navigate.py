@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
@@ -41,12 +41,18 @@ class Navigated:
 
     run: Run  # the result
     ready: FilterInput  # input of the navigation, including other aiding
-    notes: tuple[Finding, ...] = ()  # findings
+    notes: tuple[Finding, ...] = ()  # findings without a time
 
     @property
     def findings(self) -> tuple[Finding, ...]:
         """All findings, including events of the run."""
         return (*self.notes, *self.run.events)
+
+    def report(self, earlier: tuple[Finding, ...]) -> Navigated:
+        """Copy with the findings of the preparation."""
+        notes, events = (tuple(each for each in earlier if each.timed is timed) for timed in (False, True))
+        run = replace(self.run, events=(*events, *self.run.events))
+        return replace(self, run=run, notes=(*notes, *self.notes))
 
 
 def navigate_recording(
@@ -68,9 +74,10 @@ def navigate_recording(
     Raises: InputError: no fixes, or an initial state outside the record. AlignmentError: the data do not determine the
     attitude. DivergenceError: the filter lost consistency.
     """
-    ready, output = prepare(imu, gps, spec, receiver or Receiver(), known=known), output or Output()
+    ready, found = prepare(imu, gps, spec, receiver or Receiver(), known=known)
+    output = output or Output()
     every = replace(output, interval=dense(output.interval))
-    done = navigate_prepared(replace(ready, gates=gates, output=every), spec, aiding=aiding)
+    done = navigate_prepared(replace(ready, gates=gates, output=every), spec, aiding=aiding).report(found)
     return replace(done, run=thinned(done.run, output.interval))
 
 
@@ -79,19 +86,22 @@ def navigate_prepared(
     spec: ImuSpec,
     *,
     aiding: AidingChoice = "auto",
+    noise_source: str = "specification",
     widen: Callable[[Run], Run] | None = None,
     progress: Callable[[float], None] | None = None,
 ) -> Navigated:
     """Navigate an aligned recording; see `navigate_recording`.
 
-    `widen`: by the remaining ambiguity of the record. `progress`: called with the fraction done.
+    `noise_source`: of the misalignments, specification or innovations. `widen`: by the remaining ambiguity of the
+    record. `progress`: called with the fraction done.
     """
+    notes = tuple[Finding, ...]()
     held = any(isinstance(each, HeightAiding) for each in ready.aiding.measurements or ())
     if aiding == "on" or (aiding == "auto" and (ready.aiding.logs or _longest_gap(ready) > GAP_WORTH)):
         first = _first_pass(ready, share_of(progress, 0.0, 0.5))
         progress = share_of(progress, 0.5, 0.5)
-        ready = _add_aiding(ready, first, spec)
-        ready, run = _doubt_stops(ready, _run(ready, progress))
+        ready, notes = _add_aiding(ready, first, spec)
+        ready, run, notes = _doubt_stops(ready, _run(ready, progress), notes)
     else:
         run = _run(ready, progress)
     if run.smoothed is not None and (jumps := resets_of(run)):  # to fixes that may be false
@@ -99,11 +109,10 @@ def navigate_prepared(
     if run.smoothed is not None and widen is not None:
         run = widen(run)
     outside = _outside(ready.fix_time, ready.initial.time, float(ready.imu.time[-1]))
-    events = (*ready.faults, *run.events, *outside)
-    run = replace(run, events=events, gps_delay=run.gps_delay + ready.clock)
+    run = replace(run, events=(*run.events, *outside))
     if not heights_measured(ready.gps.lla) and not held:
         run = with_wider_sd(run, lambda _, sd: np.hypot(sd, UNKNOWN_HEIGHT * np.eye(9)[2]))
-    return Navigated(run, ready, (*ready.notes, *_axes(run, ready)))
+    return Navigated(run, ready, (*notes, *_axes(run, ready, noise_source)))
 
 
 def dense(every: float) -> float:
@@ -131,8 +140,8 @@ def thinned(run: Run, every: float) -> Run:
 
 
 def aided(ready: FilterInput, spec: ImuSpec, progress: Callable[[float], None] | None = None) -> FilterInput:
-    """Navigate once, calibrate the aiding by the smoothed solution, and return the input with it and its findings."""
-    return _add_aiding(ready, _first_pass(ready, progress), spec)
+    """Navigate once, calibrate the aiding by the smoothed solution, and return the input with it."""
+    return _add_aiding(ready, _first_pass(ready, progress), spec)[0]
 
 
 def _first_pass(ready: FilterInput, progress: Callable[[float], None] | None) -> Run:
@@ -140,8 +149,8 @@ def _first_pass(ready: FilterInput, progress: Callable[[float], None] | None) ->
     return _likelier(replace(ready, output=replace(ready.output, smooth=True, interval=DENSE)), progress)
 
 
-def _add_aiding(ready: FilterInput, run: Run, spec: ImuSpec) -> FilterInput:
-    """Add the aiding that the first pass calibrates."""
+def _add_aiding(ready: FilterInput, run: Run, spec: ImuSpec) -> tuple[FilterInput, tuple[Finding, ...]]:
+    """Add the aiding that the first pass calibrates, and return its findings."""
     assert run.smoothed is not None
     # the solution is in fix time, shifted by the estimated minus the specified delay; the samples are not
     clock = run.gps_delay - ready.receiver.delay.value
@@ -159,29 +168,32 @@ def _add_aiding(ready: FilterInput, run: Run, spec: ImuSpec) -> FilterInput:
     axes_sd = ready.model.axes_sd.copy()
     if first.mounting is not None and any(each.name == NonHolonomic.name for each in used):
         axes_sd[2] = max(axes_sd[2], first.mounting.sd[1])  # the direction of travel limits such a heading
-    return replace(ready.replace_aiding(used).add_notes(*notes), model=replace(ready.model, axes_sd=axes_sd))
+    return replace(ready.replace_aiding(used), model=replace(ready.model, axes_sd=axes_sd)), tuple(notes)
 
 
-def _doubt_stops(ready: FilterInput, run: Run) -> tuple[FilterInput, Run]:
+def _doubt_stops(
+    ready: FilterInput, run: Run, notes: tuple[Finding, ...]
+) -> tuple[FilterInput, Run, tuple[Finding, ...]]:
     """Drop the stops in gaps of the fixes if the fixes are likelier without: a creeping vehicle may hardly vibrate."""
     aiding = ready.aiding.measurements or ()
     zupt = next((each for each in aiding if isinstance(each, ZeroVelocity)), None)
     if zupt is None:
-        return ready, run
+        return ready, run, notes
     edges = np.concatenate([[-np.inf], ready.fix_time[ready.gps.valid], [np.inf]])
     rows = np.searchsorted(edges, zupt.stops)
     seen = np.array([np.diff(edges[a - 1 : b + 1]).max() <= GAP_WORTH for a, b in rows])
     if seen.all():
-        return ready, run
+        return ready, run, notes
     kept = (replace(zupt, stops=zupt.stops[seen]),) * bool(seen.any())
     note = Finding.of(Code.ZUPT_PARTLY, count=seen.sum(), total=seen.size)
-    notes = (*(each for each in ready.notes if each.code is not Code.ZUPT_USED), note)
-    other = replace(ready.replace_aiding((*(each for each in aiding if each is not zupt), *kept)), notes=notes)
+    other = ready.replace_aiding((*(each for each in aiding if each is not zupt), *kept))
     freer = _run(other, None)
-    return (other, freer) if unlikely(freer, other) < unlikely(run, ready) - CREEPS else (ready, run)
+    if unlikely(freer, other) >= unlikely(run, ready) - CREEPS:
+        return ready, run, notes
+    return other, freer, (*(each for each in notes if each.code is not Code.ZUPT_USED), note)
 
 
-def _axes(run: Run, ready: FilterInput) -> tuple[Finding, ...]:
+def _axes(run: Run, ready: FilterInput, source: str) -> tuple[Finding, ...]:
     """Report the irreducible part of the attitude's standard deviation, if it dominates."""
     sd = (run.smoothed or run).solution.sd
     axes = ready.model.axes_sd
@@ -190,18 +202,9 @@ def _axes(run: Run, ready: FilterInput) -> tuple[Finding, ...]:
     own = np.sqrt(np.maximum(np.median(sd[:, 6:], axis=0) ** 2 - axes**2, 0.0))
     if (own > axes).all():
         return ()
-    source = "specification" if ready.noise is None else "innovations"
     nhc = any(each.name == NonHolonomic.name for each in ready.aiding.measurements or ())
-    return (
-        Finding.of(
-            Code.ATTITUDE_AXES,
-            misalignment_rad=axes.max(),
-            tilt_sd_rad=own[:2].max(),
-            heading_sd_rad=own[2],
-            source=source,
-            aiding=NonHolonomic.name * nhc,
-        ),
-    )
+    values: dict[str, Any] = {"misalignment_rad": axes.max(), "tilt_sd_rad": own[:2].max(), "heading_sd_rad": own[2]}
+    return (Finding.of(Code.ATTITUDE_AXES, **values, source=source, aiding=NonHolonomic.name * nhc),)
 
 
 def _longest_gap(ready: FilterInput) -> float:

@@ -25,7 +25,7 @@ from insnav.filter.gates import Gates
 from insnav.filter.gps_noise import CARRIER, CorrelatedNoise
 from insnav.filter.innovation_likelihood import InnovationLikelihood, Parameter
 from insnav.filter.noise_estimate import Misalignment, NoiseEstimate, NoiseFigure, after_rest, misalignment
-from insnav.findings import CORRELATED_POSITIONS, Code, Finding
+from insnav.findings import Code, Finding
 from insnav.imu.specification import ImuSpec, level_bias
 from insnav.sample_statistics import chi2_limit
 from insnav.types import FloatArray, GpsData
@@ -419,18 +419,17 @@ def _with_gates(ready: FilterInput, spec: ImuSpec, gates: Gates) -> InnovationLi
     return drive
 
 
-def with_noise(ready: FilterInput, noise: NoiseEstimate) -> FilterInput:
-    """Apply the estimated noise to a prepared recording."""
-    notes = (*_without_correlated(ready.notes), *_report(noise))
-    return _with_axes(replace(ready.apply_noise(noise), notes=notes), noise.axes)
+def with_noise(ready: FilterInput, noise: NoiseEstimate) -> tuple[FilterInput, tuple[Finding, ...]]:
+    """Apply the estimated noise to a prepared recording, and report it."""
+    ready, turned = _with_axes(ready.apply_noise(noise), noise.axes)
+    return ready, (*_report(noise), *turned)
 
 
-def with_careful_biases(ready: FilterInput, assumed: ImuSpec) -> FilterInput:
+def with_careful_biases(ready: FilterInput, found: NoiseEstimate | None, assumed: ImuSpec) -> FilterInput:
     """Apply plausible upper values of biases for navigation, instead of the most likely biases.
 
     `assumed`: the IMU of the alignment.
     """
-    found = ready.noise
     if found is None:
         return ready
     starts = tuple(replace(part, alignment=after_rest(part.alignment, assumed, found.spec)) for part in ready.starts)
@@ -447,17 +446,19 @@ def usual_time() -> float:
     return float(np.exp(middle + AVERAGED["gps.correlation_time"] * sd**2))
 
 
-def with_usual_noise(ready: FilterInput) -> FilterInput:
+def with_usual_noise(ready: FilterInput) -> tuple[FilterInput, tuple[Finding, ...]]:
     """Apply the usual time-correlated position errors, for a drive that does not determine them."""
     if ready.receiver.correlated is not None:
-        return ready
+        return ready, ()
     time, share = usual_time(), 1.0 / (1.0 + np.exp(-likelihood.SHARE[0]))
     usual = CorrelatedNoise.of_fixes(share, time, ready.gps.position_sd)
     note = Finding.of(Code.ESTIMATE_CORRELATED_USUAL, share=share, time_s=time)
-    return ready.replace_correlated(usual).add_notes(note)
+    return ready.replace_correlated(usual), (note,)
 
 
-def with_known_noise(ready: FilterInput, spec: ImuSpec, *, lasting: bool, sizes: bool) -> FilterInput:
+def with_known_noise(
+    ready: FilterInput, spec: ImuSpec, *, lasting: bool, sizes: bool
+) -> tuple[FilterInput, tuple[Finding, ...]]:
     """Apply the misalignments that the drive determines; keep the specified noise.
 
     `lasting`: also estimate the time-correlated errors of positions. `sizes`: also all their standard deviations, where
@@ -467,26 +468,26 @@ def with_known_noise(ready: FilterInput, spec: ImuSpec, *, lasting: bool, sizes:
     needed = lasting or ready.model.axes_sd.any()
     known = known_likelihood(ready.beginning(ENOUGH_FOR_AXES), spec) if needed else None
     if known is None:
-        return ready
-    drive, at = known
+        return ready, ()
+    drive, at, turned = *known, tuple[Finding, ...]()
     if ready.model.axes_sd.any():
         with suppress(DivergenceError):
-            ready = _with_axes(ready, misalignments([drive], at, 0.0)[0])
+            ready, turned = _with_axes(ready, misalignments([drive], at, 0.0)[0])
     if not lasting:
-        return ready.add_faults(*_too_small(ready, *drive.normalised(at)[:2]))
+        return ready, (*turned, *_too_small(ready, *drive.normalised(at)[:2]))
     posterior = Posterior([drive.of_positions(sizes=sizes)])
     starts = [np.concatenate([posterior.middle[:-2], each]) for each in STARTS]
     top, covariance, (e, s, _) = posterior.climb(min(starts, key=lambda each: posterior.innovations(each)[2]))
     faults = _too_small(ready, e, s)
     if faults:  # time-correlated errors would absorb other noise
-        return ready.add_faults(*faults)
+        return ready, (*turned, *faults)
     plausible = posterior.plausible(top, covariance)
     position, _, correlated = posterior.drives[0].fixes_of(plausible[0])
     if sizes:
         ready = ready.scale_sds(ready.model, position, np.ones(3))
     estimates = [_figure(p, x, spec) for p, x in zip(posterior.parameters, plausible.T, strict=True)]
     more = *_report_factor(Code.ESTIMATE_POSITION_SD, position), _report_correlated(correlated, estimates)
-    return replace(ready.replace_correlated(correlated), notes=(*_without_correlated(ready.notes), *more))
+    return ready.replace_correlated(correlated), (*turned, *more)
 
 
 def _too_small(ready: FilterInput, innovation: FloatArray, variance: FloatArray) -> tuple[Finding, ...]:
@@ -496,28 +497,25 @@ def _too_small(ready: FilterInput, innovation: FloatArray, variance: FloatArray)
     return (given,) * bool(size > TOO_SMALL)
 
 
-def _with_axes(ready: FilterInput, found: Misalignment) -> FilterInput:
+def _with_axes(ready: FilterInput, found: Misalignment) -> tuple[FilterInput, tuple[Finding, ...]]:
     """Correct samples by the estimated misalignments, with the remaining attitude uncertainty.
 
     This applies only if misalignments are more likely than none. Only the bias prior separates roll and pitch from
     biases: the uncertainty of a correction is its own size.
     """
-    imu, notes = ready.imu, ready.notes
+    imu, turned = ready.imu, tuple[Finding, ...]()
     if found.evidence > 0.0 and (np.abs(found.attitude) > WORTH_TURNING * found.attitude_sd).any():
         imu = found.corrected(imu)
-        largest = np.abs(found.terms).max()
-        notes = (*notes, Finding.of(Code.ESTIMATE_MISALIGNMENT, angle_rad=largest))
+        turned = (Finding.of(Code.ESTIMATE_MISALIGNMENT, angle_rad=np.abs(found.terms).max()),)
     model = replace(ready.model, axes_sd=np.hypot(found.attitude_sd, found.attitude))
-    return replace(ready, imu=imu, model=model, notes=notes)
+    return replace(ready, imu=imu, model=model), turned
 
 
-def _without_correlated(notes: tuple[Finding, ...]) -> list[Finding]:
-    return [note for note in notes if note.code not in CORRELATED_POSITIONS]
+def understated(found: NoiseEstimate | None, read: GpsData, begin: float) -> tuple[Finding, ...]:
+    """Report innovations surely far larger than the reported standard deviations of the fixes `read`.
 
-
-def understated(ready: FilterInput, read: GpsData) -> tuple[Finding, ...]:
-    """Report innovations surely far larger than the reported standard deviations of the fixes `read`."""
-    found = ready.noise
+    `begin`: of navigation [s].
+    """
     if found is None or not np.isfinite(read.position_sd).all():
         return ()
     sure = {each.key for each in found.figures if each.low >= UNDERSTATED}
@@ -531,7 +529,6 @@ def understated(ready: FilterInput, read: GpsData) -> tuple[Finding, ...]:
     if not (large := {name: factor for name, factor in factors.items() if factor > 0.0}):
         return ()
     code = Code.NOISE_SD_IMPLAUSIBLE if max(large.values()) > NO_NOISE else Code.NOISE_SD_UNDERSTATED
-    begin = ready.initial.time
     findings = [Finding.of(code, begin, **large, limit_factor=UNDERSTATED)]
     noisy = np.median(read.position_sd[:, 2]) > CARRIER  # otherwise motion, not noise, has this factor in feet
     if noisy and FEET[0] < height < FEET[1] and height > ALIKE_IN_METRES * level:

@@ -71,8 +71,8 @@ def prepare(
     known: GivenStart = GivenStart(),  # frozen
     nominal: float | None = None,
     as_given: bool = False,
-) -> FilterInput:
-    """Prepare a recording for the filter, and align.
+) -> tuple[FilterInput, tuple[Finding, ...]]:
+    """Prepare a recording for the filter, align it, and return also the findings.
 
     `spec`: of the IMU. `receiver`: specified or assumed. `states`: 21 or 15, with or without scale factor errors.
     `known`: inputs to the alignment. `nominal`: sampling interval, by default from the samples [s]. `as_given`:
@@ -123,12 +123,9 @@ def prepare(
     begin = float(max(imu.time[0], good.time[0]))
     if start is None and initial.time - begin > LONG_REST:
         notes = (*notes, Finding.of(Code.ALIGN_LATE, begin, initial.time, duration_s=initial.time - begin))
-    return FilterInput(
-        *(imu, gps, model, parts, nominal, receiver),
-        rounding=() if as_given else rounding_changes(imu),
-        notes=(*notes, *found),
-        faults=(*faults, *frozen, *of_parts[1:]),
-    )
+    rounding = () if as_given else rounding_changes(imu)
+    ready = FilterInput(imu, gps, model, parts, nominal, receiver, rounding=rounding)
+    return ready, (*notes, *found, *faults, *frozen, *of_parts[1:])
 
 
 def align_again(ready: FilterInput, alignment: Alignment) -> FilterInput:

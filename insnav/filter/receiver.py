@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -57,11 +57,3 @@ class Receiver:
     jitter: float = 0.0
     correlated: CorrelatedNoise | None = None  # time-correlated part of the position error; three more states
     heading_sd: float = 0.0  # of the heading with the fixes, for example of two antennas [rad]; zero: unused
-
-    def forget_lever_arm(self) -> Receiver:
-        """Copy with an unknown lever arm."""
-        return replace(self, lever_arm=LeverArm(sd=LEVER_SD, source="prior"))
-
-    def forget_delay(self) -> Receiver:
-        """Copy with an unknown delay."""
-        return replace(self, delay=Delay(sd=DELAY_SD, source="prior"))

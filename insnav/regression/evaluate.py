@@ -297,7 +297,7 @@ def _spread(errors: TrajectoryErrors) -> FloatArray:
 def _outages(material: Material) -> tuple[dict[str, FloatArray], FloatArray]:
     """Compute horizontal errors after times without fixes, and `Measured.growth`; no metrics for a short drive."""
     growth = np.zeros((len(GROWTH), 3))
-    ready = prepare(material.imu, material.gps, material.spec, material.receiver)
+    ready, _ = prepare(material.imu, material.gps, material.spec, material.receiver)
     ready = aided(replace(ready, gates=material.gates), material.spec)
     longest = max(OUTAGES)
     spacing = max(longest, float(material.imu.time[-1] - material.imu.time[0]) / _WINDOWS)

@@ -200,7 +200,7 @@ def allan(
         return Result("allan", signals, options=options)
     if not isinstance(imu, Reading):
         given = cast("Inputs", inputs | ({} if rate is None else {"rate": rate}))
-        imu = read_samples(imu, checked(given), bench="noise")
+        imu = read_samples(imu, checked(given), "noise")
     samples: ImuData = imu.data if static is None else between(imu.data, *static)
     name = Path(imu.facts.path).name
     found = static_noise(

@@ -376,9 +376,9 @@ def _run(drive: Drive, patient: _Patient) -> Run | None:
     run: Run | None = None
     lost: Finding | None = None
     with suppress(InsnavError):
-        ready = drive.beginning(BEGIN).until("align").ready
-        run = looked(ready)
-        run, lost = replace(run, gps_delay=run.gps_delay + ready.clock), failure(run)
+        begin = drive.beginning(BEGIN).until("align")
+        run = looked(begin.ready)
+        run, lost = replace(run, gps_delay=run.gps_delay + begin.model.clock.value), failure(run)
     if run is None or lost:
         try:
             run = drive.navigate(output_interval=1.0).found.run

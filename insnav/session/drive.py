@@ -422,7 +422,8 @@ class Drive:
         announce("simulating outages")
         recorded = recorded_budget(ready, spec, reference, chosen, progress)
         assumed = () if self.recording.inputs.get("imu_model") is not None else (self.imu_chosen,)
-        recorded = replace(recorded, notes=(*self.notes, *assumed, *recorded.notes))
+        prepared = (each for each in done.model.findings if not each.timed)
+        recorded = replace(recorded, notes=(*self.notes, *assumed, *prepared, *recorded.notes))
         found = budget_of_windows(recorded, settings, progress)
         return done.result("budget", found, asdict(settings), (*recorded.notes, *self._events()))
 
@@ -567,8 +568,8 @@ class Drive:
     ) -> Result[Any]:
         """Build a result; a `run` adds its findings."""
         given, spec, chosen = options_of(self.recording.inputs, **options), self.model.filter_imu, self.imu_chosen
-        if spec is not self.imu_spec:
-            prior, nearest = spec.name.removesuffix(", as found"), self.imu_spec.name
+        if (noise := self.model.noise) is not None:
+            prior, nearest = noise.filter_spec.name, self.imu_spec.name
             if prior != nearest:  # drop the finding that the nearest grade is used
                 findings = tuple(each for each in findings if each != chosen)
             elif chosen not in findings:

@@ -311,7 +311,7 @@ class OnlineFilter:
         if self._correlated is not None:
             receiver = replace(receiver, correlated=CorrelatedNoise.of_fixes(*self._correlated, gps.position_sd))
         try:
-            ready = prepare(
+            ready, found = prepare(
                 *(held, gps, self._spec, receiver),
                 states=self._states,
                 known=GivenStart(start, self._static, self._heading if first else None),
@@ -323,7 +323,7 @@ class OnlineFilter:
             return held if moving is None else held.rows(held.time > until)  # begin again with later data
         self._aligning, self._nominal, at = False, ready.nominal, ready.alignment
         methods = (at.level_method, at.sd[:2].max()), (at.heading_method, at.sd[2])
-        for each in (*ready.findings, *(Finding.of(Code(how), ready.initial.time, sd_rad=sd) for how, sd in methods)):
+        for each in (*found, *(Finding.of(Code(how), ready.initial.time, sd_rad=sd) for how, sd in methods)):
             self._record.event(each)
         if self._nav is None:
             own = replace(ready, imu=self._nothing, output=Output(smooth=False))

@@ -22,7 +22,7 @@ from insnav.input.formats.table import ArrayCells, Table
 from insnav.input.interpret.clean import GPS_KINDS, IMU_KINDS, REFERENCE_KINDS, find_gaps
 from insnav.input.interpret.columns import key_of, understand
 from insnav.input.interpret.schema import GPS_SCHEMA, IMU_SCHEMA
-from insnav.input.readers.imu import Bench
+from insnav.input.readers.imu import Use, unit_pairs
 from insnav.input.readers.kinds import open_parts
 from insnav.input.readers.rows import read_sensor_log
 from insnav.plain_text import plain_text
@@ -84,7 +84,7 @@ def read(
     reference = None if given["reference"] is None else read_ref(given["reference"], inputs)
     logs = {name: read_sensor_log(_table(log), name) for name, log in given_logs.items()}
     nowhere = run and reference is None and inputs.get("lat") is None
-    samples = read_samples(given["imu"], inputs, any_way=fixes is not None or nowhere)
+    samples = read_samples(given["imu"], inputs, "drive" if fixes is not None or nowhere else None)
     return Recording(samples, fixes, reference, logs, inputs)
 
 
@@ -147,13 +147,10 @@ def one_from_stdin(sources: Mapping[str, object]) -> None:
         raise ConfigError("session.one_from_stdin", where=", ".join(names))
 
 
-def read_samples(
-    imu: Given | Table | ImuData, inputs: Inputs, *, any_way: bool = False, bench: Bench | None = None
-) -> Reading[ImuData]:
+def read_samples(imu: Given | Table | ImuData, inputs: Inputs, use: Use | None = None) -> Reading[ImuData]:
     """Read the samples and correct known errors.
 
-    The calibration converts volts and counts to rates and specific forces. `any_way`: accept z up without specified
-    axes. `bench`: see `read_imu`.
+    The calibration converts volts and counts to rates and specific forces. `use`: see `read_imu`.
     """
     calibration = inputs.get("calibration")
     known = None if calibration is None else sensors.load_calibration(Path(calibration))
@@ -163,20 +160,17 @@ def read_samples(
             raise ConfigError("session.described_twice", where=described[0])
         reading = in_memory(imu, "IMU")
     else:
-        scales = {} if known is None else {"gyro": known.gyro_raw, "accel": known.accel_raw}
+        raw = [] if known is None else [("gyro", known.gyro_raw), ("accel", known.accel_raw)]
+        attrs = getattr(imu, "attrs", {})
         reading = _tried(
             read_imu,
             samples_source(_parts({"imu": imu}, inputs)["imu"], inputs.get("rate")),
             "columns",
             inputs,
             axes=inputs.get("axes"),
-            units=inputs.get("units"),
-            sampling=inputs.get("sampling", getattr(imu, "attrs", {}).get("sampling")),
-            stamp=inputs.get("stamp", getattr(imu, "attrs", {}).get("stamp")),
-            raw_scales={triad: scale for triad, scale in scales.items() if scale is not None},
-            any_way=any_way,
-            bench=bench,
-            accel_sign=inputs.get("accel_sign"),
+            units=[*unit_pairs(inputs.get("units")), *((triad, scale) for triad, scale in raw if scale is not None)],
+            **{key: inputs.get(key, attrs.get(key)) for key in ("sampling", "stamp", "accel_sign")},
+            use=use,
         )
     return reading if known is None else replace(reading, data=sensors.correct(reading.data, known))
 

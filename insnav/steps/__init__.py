@@ -8,12 +8,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from importlib import import_module
 from time import perf_counter
 from typing import TYPE_CHECKING, Any
 
 from insnav.exceptions import InputError
+from insnav.findings import CORRELATED_POSITIONS
 from insnav.progress import announce
 
 if TYPE_CHECKING:  # the command-line help needs only the names of inputs
@@ -23,6 +24,7 @@ if TYPE_CHECKING:  # the command-line help needs only the names of inputs
     from insnav.explain.explanation import Explanation
     from insnav.filter.filter_input import FilterInput, Output
     from insnav.filter.navigate import AidingChoice, Navigated
+    from insnav.filter.noise_estimate import NoiseEstimate
     from insnav.filter.receiver import Receiver
     from insnav.findings import Finding
     from insnav.imu.specification import ImuSpec
@@ -50,6 +52,7 @@ LOAD = STEPS[: STEPS.index("align")]
 # steps that are repeated with another lever arm, or other fixes
 PREPARE = STEPS[STEPS.index("align") : STEPS.index("lever_arm")]
 ALIGN = STEPS[STEPS.index("align") : STEPS.index("explain")]
+NAVIGATE = STEPS[STEPS.index("align") : STEPS.index("navigate")]  # steps that set the filter up
 _STAGES = dict.fromkeys(LOAD, "checking the data") | {  # words of the progress display
     "align": "aligning",
     "explain": "looking for faults",
@@ -112,6 +115,9 @@ class Model:
     mounting_yaw: Estimate = field(default=Estimate(0.0, 0.0, "given"))
     task: Task = field(default_factory=Task)
     ready: FilterInput | None = None  # the filter at its start
+    clock: Estimate = field(default=Estimate(0.0, 0.0, "given"))  # shift of the samples to fix time [s]
+    noise: NoiseEstimate | None = None  # noise of IMU and fixes by the innovations
+    found: Mapping[str, tuple[Finding, ...]] = field(default_factory=dict)  # findings of each step, as last run
     explanation: Explanation | None = None  # faults of the recording
     solved: Navigated | None = None  # the solution
     evaluated: EvaluatedRun | None = None  # solution compared with the reference
@@ -120,7 +126,17 @@ class Model:
     def filter_imu(self) -> ImuSpec:
         """IMU specification of the filter: the estimated one, if any."""
         assert self.imu is not None
-        return self.imu[0] if self.ready is None or self.ready.noise is None else self.ready.noise.spec
+        return self.imu[0] if self.noise is None else self.noise.spec
+
+    @property
+    def findings(self) -> tuple[Finding, ...]:
+        """Findings of the steps from the alignment to the navigation.
+
+        The last one on time-correlated errors of positions holds.
+        """
+        found = dict.fromkeys(each for step in NAVIGATE for each in self.found.get(step, ()))
+        correlated = [each for each in found if each.code in CORRELATED_POSITIONS]
+        return tuple(each for each in found if each not in correlated[:-1])
 
 
 def run_steps(
@@ -136,6 +152,7 @@ def run_steps(
         step = getattr(import_module(f"insnav.steps.{name}"), name)
         with naming_data(name, recording.imu, recording.gps):
             recording, model, findings = step(recording, model)
+        model = replace(model, found={**model.found, name: findings})
         records.append(StepRecord(name, findings, perf_counter() - begin))
     return recording, model, tuple(records)
 

@@ -10,11 +10,11 @@ from typing import Any
 import numpy as np
 
 from insnav.exceptions import AlignmentError, ConfigError
-from insnav.filter.delay_and_lever import filtered, on_time, with_right_heading
-from insnav.filter.filter_input import FilterInput
+from insnav.filter.delay_and_lever import Aligned, filtered, on_time, with_right_heading
+from insnav.filter.receiver import DELAY_SD, Delay
 from insnav.findings import Code, Finding
 from insnav.input.readers.kinds import files_with
-from insnav.steps import Model, Recording
+from insnav.steps import Estimate, Model, Recording
 from insnav.steps.given import as_given, set_up_filter
 
 LATE, LATE_SURE = 0.03, 10.0  # smallest reported delay error [s], and in sd of the estimate
@@ -29,39 +29,37 @@ def align(recording: Recording, model: Model) -> tuple[Recording, Model, tuple[F
     if model.task.states not in (15, 21):
         raise ConfigError("align.bad_states", where="--states", value=model.task.states)
     if recording.fixes is None:
-        raise _without_position(recording)
+        imu = Path(recording.imu.facts.path)
+        beside = ", ".join(files_with("gps", imu.parent)) if imu.is_file() else ""
+        raise ConfigError("align.no_position", where="--gps", imu=imu.name if beside else "", beside=beside)
     given = recording.inputs.get("heading")
-    ready = _on_time(recording, model, given)
+    aligned = _on_time(recording, model, given)
     if not as_given(recording.inputs):
         if model.receiver.delay.source == "given":
-            ready, model = with_right_delay(ready, recording, model, given)
+            aligned, model = with_right_delay(aligned, recording, model, given)
         if given is not None:
             with suppress(AlignmentError):  # the drive does not determine the heading
-                ready = with_right_heading(ready, _on_time(recording, model, None))
-    return recording, replace(model, ready=ready), ready.findings
+                aligned = with_right_heading(aligned, _on_time(recording, model, None))
+    clock = Estimate(aligned.clock, aligned.ready.receiver.delay.least_sd, "data")
+    return recording, replace(model, ready=aligned.ready, clock=clock), aligned.findings
 
 
 def with_right_delay(
-    ready: FilterInput, recording: Recording, model: Model, heading: float | None
-) -> tuple[FilterInput, Model]:
+    aligned: Aligned, recording: Recording, model: Model, heading: float | None
+) -> tuple[Aligned, Model]:
     """Keep the given delay, or replace it by the estimate of the drive if that contradicts it and fits better."""
-    free = replace(model, receiver=model.receiver.forget_delay())
+    free = replace(model, receiver=replace(model.receiver, delay=Delay(sd=DELAY_SD, source="prior")))
     other, given = _on_time(recording, free, heading), model.receiver.delay.value
-    sd = other.receiver.delay.least_sd or np.inf
-    if abs(other.clock - given) <= max(LATE, LATE_SURE * sd) or filtered(ready).misfit <= filtered(other).misfit:
-        return ready, model
+    sd = other.ready.receiver.delay.least_sd or np.inf
+    near = abs(other.clock - given) <= max(LATE, LATE_SURE * sd)
+    if near or filtered(aligned.ready).misfit <= filtered(other.ready).misfit:
+        return aligned, model
     values: dict[str, Any] = {"given_s": given, "estimate_s": other.clock, "estimate_sd_s": sd}
-    rejected = Finding.of(Code.GIVEN_DELAY_REJECTED, other.initial.time, subject="gps", **values)
-    return other.add_faults(rejected), free
+    rejected = Finding.of(Code.GIVEN_DELAY_REJECTED, other.ready.initial.time, subject="gps", **values)
+    return replace(other, findings=(*other.findings, rejected)), free
 
 
-def _on_time(recording: Recording, model: Model, heading: float | None) -> FilterInput:
+def _on_time(recording: Recording, model: Model, heading: float | None) -> Aligned:
     if as_given(recording.inputs):
         return set_up_filter(recording, model, heading=heading)
     return on_time(lambda clock, rate: set_up_filter(recording, model, clock, rate, heading), model.receiver)
-
-
-def _without_position(recording: Recording) -> ConfigError:
-    imu = Path(recording.imu.facts.path)
-    beside = ", ".join(files_with("gps", imu.parent)) if imu.is_file() else ""
-    return ConfigError("align.no_position", where="--gps", imu=imu.name if beside else "", beside=beside)

@@ -15,14 +15,14 @@ def check_given(recording: Recording, model: Model) -> tuple[Recording, Model, t
     assert model.ready is not None
     assert model.solved is not None
     first, ready, solved = model.solved, model.ready, model.solved
-    doubts = () if recording.gps is None else understated(ready, recording.gps.data)
+    doubts = () if recording.gps is None else understated(model.noise, recording.gps.data, ready.initial.time)
     if ready.receiver.lever_arm.sd:
         run, hidden = with_hidden_lever(solved.ready, solved.run)
         solved, doubts = replace(solved, run=run), (*doubts, *hidden)
     if ready.receiver.lever_arm.sd and not model.receiver.lever_arm.sd:
         doubts = (*doubts, lever_contradicted(model.receiver.lever_arm.value, solved.run))
     if model.mounting_yaw.source == "prior":
-        doubts = (*doubt_mounting((*ready.faults, *solved.run.events)), *doubts)
+        doubts = (*doubt_mounting(solved.run.events), *doubts)
     found = (*doubts, *added(first.findings, solved.findings))
     of_files = [event for reading in recording.given().values() for event in reading.events]
     events = by_time([*of_files, *doubts, *solved.run.events])

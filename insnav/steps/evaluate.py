@@ -16,9 +16,8 @@ def evaluate(recording: Recording, model: Model) -> tuple[Recording, Model, tupl
     Raises: InputError: solution and reference have no common time.
     """
     assert model.solved is not None
-    assert model.ready is not None
     reference, run = recording.reference, model.solved.run
     point = None if reference is None else reference_point(recording.inputs, reference.data)
     found, notes = evaluate_run(model.solved, reference, run.lever_b if point is None else point)
-    evaluated = replace(found, noise=model.ready.noise)
+    evaluated = replace(found, noise=model.noise)
     return recording, replace(model, evaluated=evaluated), (*notes, *added(run.events, found.run.events))

@@ -33,7 +33,7 @@ def explain(recording: Recording, model: Model) -> tuple[Recording, Model, tuple
             break
         late += steps
         rounds.append(explanation)
-        fixes = put_on_one_delay(fixes, before, steps)
+        fixes = put_on_one_delay(fixes, before, steps, model.clock.value)
         model = run_steps(ALIGN, replace(recording, fixes=fixes), model)[1]
         assert model.ready is not None
         before = model.ready
@@ -41,14 +41,17 @@ def explain(recording: Recording, model: Model) -> tuple[Recording, Model, tuple
     explanation = replace(explanation.after(rounds), faults=(*late, *explanation.faults))
     findings = (*(find(step, fixes) for step in late), *explanation.findings)
     # the recording keeps its fixes: with another lever arm, their delay is searched again
-    return recording, replace(model, ready=ready.add_faults(*findings), explanation=explanation), findings
+    return recording, replace(model, ready=ready, explanation=explanation), findings
 
 
-def put_on_one_delay(fixes: GpsData, ready: FilterInput, steps: Sequence[Fault]) -> GpsData:
-    """Correct the times of fixes for steps of their delay, to the smallest delay: receivers begin to lag."""
+def put_on_one_delay(fixes: GpsData, ready: FilterInput, steps: Sequence[Fault], clock: float) -> GpsData:
+    """Correct the times of fixes for steps of their delay, to the smallest delay: receivers begin to lag.
+
+    `clock`: mean delay so far [s].
+    """
     # errors are estimate minus truth: an increase of the delay makes a negative error
     late = -np.sum([step.size[0] * step.inside(fixes.time - ready.receiver.delay.value) for step in steps], axis=0)
-    every = ready.clock + late - late.mean()  # the earlier estimate is the mean delay
+    every = clock + late - late.mean()
     right = late[int(np.argmin(np.abs(every)))]
     time = fixes.time - (late - right)
     kept = time > np.maximum.accumulate(np.concatenate([[-np.inf], time[:-1]]))

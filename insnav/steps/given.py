@@ -17,7 +17,7 @@ from insnav.alignment.in_motion import positions_alone
 from insnav.alignment.mounting import AS_IS, RARE
 from insnav.exceptions import ConfigError, InputError
 from insnav.explain.kinds import with_priors
-from insnav.filter.filter_input import FilterInput
+from insnav.filter.delay_and_lever import Aligned
 from insnav.filter.innovation_likelihood import LONGEST
 from insnav.filter.prepare import GivenStart, Start, first_stationary, prepare
 from insnav.filter.receiver import DELAY_SD, LEVER_SD, Delay, LeverArm, Receiver
@@ -203,7 +203,7 @@ def better_kinds(inputs: Inputs, chosen: ImuSpec) -> tuple[ImuSpec, ...]:
 
 def set_up_filter(
     recording: Recording, model: Model, clock: float = 0.0, rate: float = 0.0, heading: float | None = None
-) -> FilterInput:
+) -> Aligned:
     """Align a recording and set the filter up.
 
     `clock`, `rate`: shift of the sample times at the start [s], and its rate [s/s].
@@ -218,7 +218,7 @@ def set_up_filter(
     def moved(time: Any) -> Any:
         return time + clock + rate * (time - begin)
 
-    ready = prepare(
+    ready, found = prepare(
         replace(imu, time=spill.by_blocks(moved, imu.time)),
         recording.fixes,
         model.imu[0],
@@ -235,8 +235,8 @@ def set_up_filter(
     if height_sd := inputs.get("fixed_height_sd"):
         ready = ready.hold_height(height_sd)
     logs = tuple(replace(log.data, time=moved(log.data.time)) for log in recording.logs.values())
-    clock += 0.5 * rate * (end - begin)
-    return replace(ready, aiding=replace(ready.aiding, logs=logs), clock=clock, rate=rate)
+    ready = replace(ready, aiding=replace(ready.aiding, logs=logs))
+    return Aligned(ready, found, clock + 0.5 * rate * (end - begin), rate)
 
 
 def stationary_part(imu: ImuData, fixes: GpsData | None, inputs: Inputs) -> tuple[float, float] | None:

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from insnav.filter.delay_and_lever import PRETENDED, WRONG, looked, pretended
+from insnav.filter.receiver import LEVER_SD, LeverArm
 from insnav.findings import Code, Finding, added
 from insnav.steps import PREPARE, Model, Recording, run_steps
 from insnav.steps.given import as_given
@@ -27,8 +28,9 @@ def lever_arm(recording: Recording, model: Model) -> tuple[Recording, Model, tup
     off, limit = np.abs(run.lever_b - arm.value), np.maximum(WRONG, SURE * run.lever_sd)
     if not (off > limit).any():
         checked = Finding.of(Code.ESTIMATE_LEVER_ARM_CHECKED, detectable_m=tuple(limit + MARGIN * run.lever_sd))
-        return recording, replace(model, ready=given.add_notes(checked)), (checked,)
-    other = run_steps(PREPARE, recording, replace(model, receiver=model.receiver.forget_lever_arm(), ready=None))[1]
+        return recording, model, (checked,)
+    unknown = replace(model.receiver, lever_arm=LeverArm(sd=LEVER_SD, source="prior"))
+    other = run_steps(PREPARE, recording, replace(model, receiver=unknown, ready=None))[1]
     assert other.ready is not None
     if pretended(given, run) > PRETENDED:
         run = looked(other.ready)  # noise identified with a wrong arm includes its error
@@ -37,5 +39,5 @@ def lever_arm(recording: Recording, model: Model) -> tuple[Recording, Model, tup
             values: dict[str, Any] = {"difference_m": off.max(), "limit_m": limit.max()}
             values |= {"given_m": tuple(arm.value), "estimate_m": tuple(run.lever_b)}
             kept = Finding.of(Code.GIVEN_LEVER_ARM_KEPT, given.initial.time, **values)
-            return recording, replace(model, ready=given.add_faults(kept)), (kept,)
-    return recording, replace(other, receiver=model.receiver), added(given.findings, other.ready.findings)
+            return recording, model, (kept,)
+    return recording, replace(other, receiver=model.receiver), added(model.findings, other.findings)

@@ -147,7 +147,7 @@ def in_likely_axes(recording: Recording, model: Model) -> tuple[Reading[ImuData]
     for letters in QUARTERS:
         with suppress(AlignmentError, InputError):  # the unchanged drive reports this error
             data = _in_axes(begin, axes_matrix(letters))
-            seen[letters] = filtered(set_up_filter(replace(recording, imu=replace(imu, data=data)), model))
+            seen[letters] = filtered(set_up_filter(replace(recording, imu=replace(imu, data=data)), model).ready)
     best = min(seen, key=lambda each: seen[each].misfit, default=UPRIGHT)
     # none if all of them diverge, or are unlikely
     if UPRIGHT not in seen or seen[best].epochs is None or seen[best].squares >= LIKELY:

@@ -20,8 +20,13 @@ def navigate(recording: Recording, model: Model) -> tuple[Recording, Model, tupl
     assert model.ready is not None
     assert model.imu is not None
     task, explanation = model.task, model.explanation
-    ready = replace(with_careful_biases(model.ready, model.imu[0]), output=task.output or Output())
+    ready = replace(with_careful_biases(model.ready, model.noise, model.imu[0]), output=task.output or Output())
     spill.trim()  # arrays of the searches
     widen = None if explanation is None else explanation.widen
-    solved = navigate_prepared(ready, model.filter_imu, aiding=task.aiding, widen=widen, progress=task.progress)
-    return recording, replace(model, ready=ready, solved=solved), added(ready.findings, solved.findings)
+    source = "specification" if model.noise is None else "innovations"
+    solved = navigate_prepared(
+        ready, model.filter_imu, aiding=task.aiding, noise_source=source, widen=widen, progress=task.progress
+    )
+    run = replace(solved.run, gps_delay=solved.run.gps_delay + model.clock.value)
+    whole = replace(solved, run=run).report(model.findings)
+    return recording, replace(model, ready=ready, solved=whole), added(model.findings, solved.findings)

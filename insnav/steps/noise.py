@@ -7,14 +7,12 @@ from dataclasses import replace
 import numpy as np
 
 from insnav.filter.filter_input import FilterInput
+from insnav.filter.noise_estimate import NoiseEstimate
 from insnav.filter.noise_identification import identify_noise, with_known_noise, with_noise, with_usual_noise
-from insnav.findings import Code, Finding, added
+from insnav.findings import Code, Finding
 from insnav.imu.specification import ImuSpec
-from insnav.input import Reading
 from insnav.steps import Model, Recording
 from insnav.steps.given import as_given, better_kinds
-from insnav.steps.inputs import Inputs, NoiseChoice
-from insnav.types import GpsData
 
 
 def noise(recording: Recording, model: Model) -> tuple[Recording, Model, tuple[Finding, ...]]:
@@ -22,24 +20,32 @@ def noise(recording: Recording, model: Model) -> tuple[Recording, Model, tuple[F
     assert model.ready is not None
     assert model.imu is not None
     gps = model.ready.gps
-    ready = _with_estimated_noise(recording, believe(model.ready), model.imu[0])
+    ready, found, findings = _with_estimated_noise(recording, believe(model.ready), model.imu[0])
     # rejected fixes stay in the record, with the standard deviations of the others
     gps = replace(ready.gps, fix=gps.fix, v_n=gps.v_n)
     ready = replace(ready, gps=gps, explained=model.ready.explained)
-    return recording, replace(model, ready=ready), added(model.ready.findings, ready.findings)
+    return recording, replace(model, ready=ready, noise=found), findings
 
 
-def _with_estimated_noise(recording: Recording, ready: FilterInput, spec: ImuSpec) -> FilterInput:
-    wanted = noise_wanted(recording.inputs, recording.gps)
-    if wanted != "estimate":
-        claimed = recording.gps is None or bool(np.isfinite(recording.gps.data.position_sd).all())
-        known = with_known_noise(ready, spec, lasting=wanted == "fixes", sizes=not claimed)
-        return replace(ready, faults=known.faults) if as_given(recording.inputs) else known
-    found = identify_noise(ready, spec, better_kinds(recording.inputs, spec))
+def _with_estimated_noise(
+    recording: Recording, ready: FilterInput, spec: ImuSpec
+) -> tuple[FilterInput, NoiseEstimate | None, tuple[Finding, ...]]:
+    inputs, gps = recording.inputs, recording.gps
+    wanted = inputs.get("noise") or ("estimate" if inputs.get("imu_model") is None else "fixes")
+    if gps is None or wanted != "estimate":
+        lasting = gps is not None and wanted == "fixes"
+        claimed = gps is None or bool(np.isfinite(gps.data.position_sd).all())
+        known, findings = with_known_noise(ready, spec, lasting=lasting, sizes=not claimed)
+        if as_given(inputs):
+            return ready, None, tuple(each for each in findings if each.timed)
+        return known, None, findings
+    found = identify_noise(ready, spec, better_kinds(inputs, spec))
     if found is None:
         kept = Finding.of(Code.IMU_MODEL_KEPT, subject="imu", model=spec.name)
-        return with_usual_noise(ready.add_notes(kept))
-    return with_noise(ready, found)
+        ready, usual = with_usual_noise(ready)
+        return ready, None, (kept, *usual)
+    ready, findings = with_noise(ready, found)
+    return ready, found, findings
 
 
 def believe(ready: FilterInput) -> FilterInput:
@@ -52,10 +58,3 @@ def believe(ready: FilterInput) -> FilterInput:
     fix = np.where(position, 0, 1 if gps.fix is None else gps.fix)
     gps = replace(gps, fix=fix, v_n=np.where(velocity[:, None], np.nan, gps.v_n))
     return replace(ready, gps=gps, explained=replace(explained, false=None))
-
-
-def noise_wanted(inputs: Inputs, gps: Reading[GpsData] | None) -> NoiseChoice:
-    """Return the noise to estimate: as specified, else all; with an IMU model, the time-correlated errors of fixes."""
-    if gps is None:
-        return "model"
-    return inputs.get("noise") or ("estimate" if inputs.get("imu_model") is None else "fixes")

@@ -89,7 +89,7 @@ def test_counts_and_the_calibration_give_what_was_true(bench: Path, cli: Cli, ax
     assert known.gyro_raw is not None
     assert known.accel_raw is not None
     scales = {"gyro": known.gyro_raw, "accel": known.accel_raw}
-    got = correct(read_imu("counts.csv", axes=axes, raw_scales=scales).data, known)
+    got = correct(read_imu("counts.csv", axes=axes, units=scales).data, known)
     exact = replace(TRUE, gyro_terms=ErrorTerms(g_sensitivity=G_SENSITIVITY))
     truth = correct(measured(np.random.default_rng(1)), exact)
     turn = axes_matrix(axes)

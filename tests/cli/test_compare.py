@@ -12,6 +12,7 @@ from insnav.findings import Code, Finding, of_families
 from insnav.output.folder import read_facts
 from insnav.units import DEG
 from tests.cli.conftest import QUICK, Cli, findings_of, says
+from tests.reversed_messages import as_shown
 
 
 @pytest.fixture
@@ -62,13 +63,13 @@ def test_a_constant_difference_is_said_as_a_run_says_it(two_runs: Path, cli: Cli
     cells = [row.split(",") for row in rows]
     moved = [[*row[:place], f"{float(row[place]) + 5.0 / 111_000.0:.9f}", *row[place + 1 :]] for row in cells]
     Path("moved.csv").write_text("\n".join([head, *map(",".join, moved)]))
-    assert "warning" not in cli("compare", "right", "--ref", "ref.csv").out
+    assert as_shown("warning") not in cli("compare", "right", "--ref", "ref.csv").out
     shown = cli("compare", "right", "--ref", "moved.csv", "--out", "page")
     assert shown.code == 0
     moved_by = findings_of(read_facts(Path("page")))[0]
     assert moved_by.code is Code.RUN_OVERCONFIDENT_OFFSET
     assert moved_by["north_m"] == pytest.approx(-5.0, abs=0.2)  # and what the run errs by
-    assert "warning: " in shown.out
+    assert as_shown("warning") in shown.out
     assert says(shown.out, moved_by)
 
 

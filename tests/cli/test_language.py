@@ -16,6 +16,7 @@ from insnav.messages import LANGUAGES, PARTS
 from insnav.output.folder import read_facts
 from insnav.plain_text import wrapped
 from tests.cli.conftest import QUICK, SAMPLE, Cli
+from tests.reversed_messages import as_shown
 
 FILES, REFERENCE = QUICK[:3], ("--ref", str(SAMPLE / "ref.csv"))
 WRONG_HEADING = ("--heading", "220")  # so that there is a warning, and assumptions
@@ -55,9 +56,9 @@ def test_a_run_warns_in_the_language_that_is_asked_for(drive: Path, cli: Cli):
     for name, words in {"after": ("run", *QUICK, "--lang", "zh"), "before": ("--lang=zh", "run", *QUICK)}.items():
         shown = cli(*words, *WRONG_HEADING, "--out", name)
         assert shown.code == 0, shown.err
-        for line in (told := lines_of(shown.out, "警告", "假定")):
+        for line in (told := lines_of(shown.out, as_shown("警告"), as_shown("假定"))):
             assert "。" in line
-        assert len(told) == len(lines_of(plain.out, "warning", "assumed")) > 1
+        assert len(told) == len(lines_of(plain.out, as_shown("warning"), as_shown("assumed"))) > 1
         assert english_in(shown.out) == []
         assert "--lang" not in (Path(name) / "run.json").read_text(encoding="utf-8")
         assert without_digests(name) == without_digests("plain")

@@ -59,8 +59,10 @@ def explained(
     imu: ImuData, gps: GpsData, spec: ImuSpec, aiding: str = "auto", used: tuple[Measurement, ...] | None = None
 ) -> Navigated:
     """Navigate a recording with the faults that it contains."""
-    ready, found = explain_faults(drives.changed(prepare(imu, gps, spec, RECEIVER), aiding=used), KINDS)
-    return navigate_prepared(ready.add_faults(*found.findings), spec, aiding=aiding, widen=found.widen)
+    ready, notes = prepare(imu, gps, spec, RECEIVER)
+    ready, found = explain_faults(drives.changed(ready, aiding=used), KINDS)
+    done = navigate_prepared(ready, spec, aiding=aiding, widen=found.widen)
+    return done.report((*notes, *found.findings))
 
 
 @lru_cache(maxsize=3)
@@ -84,7 +86,7 @@ def undisturbed(seed: int) -> Navigated:
 
 
 def without_search(seed: int, gps: GpsData) -> FloatArray:
-    ready = prepare(recording(seed).imu, gps, load_imu("automotive"), RECEIVER)
+    ready, _ = prepare(recording(seed).imu, gps, load_imu("automotive"), RECEIVER)
     navigator = Navigator(ready)
     feed(navigator, ready.imu)
     return navigator.finish().solution.lla
@@ -214,7 +216,7 @@ def test_a_false_first_fix_is_found(seed):
     clean = horizontal(seed, undisturbed(seed)).max()
     done = navigated(seed, gps_spike(gps, 1100.0, (gps.time[0], gps.time[0])))
     assert horizontal(seed, done).max() < clean + 2.0
-    assert [each["count"] for each in of_code(done.notes, Code.ALIGN_FALSE_START)] == [1]
+    assert [each["count"] for each in of_code(done.findings, Code.ALIGN_FALSE_START)] == [1]
 
 
 @pytest.mark.parametrize("seconds", [30.0, pytest.param(120.0, marks=WORSE)])
@@ -550,7 +552,7 @@ def the_fault(seed: int, kind: str, size: float) -> Fault:
 
 def least(seed: int, kind: str) -> float:
     """The least size of a fault that a drive without one states to be found."""
-    (found,) = of_code(shown(seed)[0].notes, Code.GPS_DETECTABLE)
+    (found,) = of_code(shown(seed)[1].findings, Code.GPS_DETECTABLE)
     return float(found[KEYS[kind]])
 
 
@@ -594,15 +596,8 @@ def test_what_is_stated_as_seen_is_seen_and_half_of_it_is_not(kind):
 def test_a_receiver_that_states_a_tenth_of_its_errors_has_no_faults():
     """The stated standard deviations made the solution wrong by 120 m, with faults all over the drive."""
     gps = recording(2).gps
-    ready, found = explain_faults(
-        prepare(
-            recording(2).imu,
-            replace(gps, position_sd=0.1 * gps.position_sd, velocity_sd=0.1 * gps.velocity_sd),
-            load_imu("automotive"),
-            RECEIVER,
-        ),
-        KINDS,
-    )
+    gps = replace(gps, position_sd=0.1 * gps.position_sd, velocity_sd=0.1 * gps.velocity_sd)
+    ready, found = explain_faults(prepare(recording(2).imu, gps, load_imu("automotive"), RECEIVER)[0], KINDS)
     assert found.faults == ()
     assert ready.explained.false is None
 

@@ -375,7 +375,6 @@ def test_aiding_is_calibrated_in_the_time_of_the_samples(late, given):
     start = drives.begin(drives.MODEL, rng, laps=0)
     ready = drives.ready(imu, replace(fixes, time=fixes.time + late), start, delay=given, delay_sd=DELAY_SD)
     done = aided(ready, drives.SPEC)
-    print(done.notes)
     found = {each.name: each for each in done.aiding.measurements}
     assert np.abs(found["odometer"].time - imu.time).max() < 0.03
     assert np.linalg.norm(found["nhc"].lever_b) < 0.1

@@ -17,7 +17,7 @@ from insnav.errors.ensemble import normalised
 from insnav.errors.evaluated_run import EvaluatedRun, run_warnings
 from insnav.exceptions import InputError
 from insnav.filter import delay_and_lever
-from insnav.filter.delay_and_lever import Found, delay_of, filtered, on_time, scale_of
+from insnav.filter.delay_and_lever import Aligned, Found, delay_of, filtered, on_time, scale_of
 from insnav.filter.error_model import error_model, layout
 from insnav.filter.filter_input import FilterInput
 from insnav.filter.gates import impossible
@@ -33,6 +33,7 @@ from insnav.kernels.smoother import CORRECTION, STATE
 from insnav.session.simulation import plan_of, profiled
 from insnav.simulate import gps_from_truth
 from insnav.simulate.recording import load_gps
+from insnav.steps import Model
 from insnav.types import FloatArray, GpsData, ImuData
 from tests import shared
 from tests.filter import drives
@@ -55,12 +56,18 @@ def recorded() -> FilterInput:
 def late(ready: FilterInput, delay: float) -> FilterInput:
     """The same with its fixes stamped late, aligned anew, as after reading."""
     gps = replace(ready.gps, time=ready.gps.time + delay)
-    return prepare(ready.imu, gps, drives.SPEC, ready.receiver)
+    return prepare(ready.imu, gps, drives.SPEC, ready.receiver)[0]
 
 
 def by_likelihood(ready: FilterInput) -> tuple[float, float, float]:
     """Delay, its standard deviation and its drift."""
     return delay_of(filtered(ready))[:3]
+
+
+def rate_of(model: Model) -> float:
+    """Rate of the clock of the samples [s/s]."""
+    (found,) = of_code(model.findings, Code.IMU_CLOCK_RATE)
+    return found.value
 
 
 def of_one_moment(before: float) -> float:
@@ -97,12 +104,13 @@ def test_delay_and_lag_of_velocities_are_told_apart(lag, noise, delay):
     """With metres of scatter velocities tell the delay, and without their lag a wrong one."""
     there = late(lagging(lag, noise), delay)
 
-    def prepared(clock: float, rate: float) -> FilterInput:
+    def prepared(clock: float, rate: float) -> Aligned:
         imu = replace(there.imu, time=there.imu.time + clock)
-        return replace(prepare(imu, there.gps, drives.SPEC, there.receiver), clock=clock)
+        return Aligned(*prepare(imu, there.gps, drives.SPEC, there.receiver), clock)
 
-    ready = on_time(prepared, there.receiver)
-    assert abs(ready.clock - delay) < 2.0 * DELAY_SD  # from where the filter goes on
+    aligned = on_time(prepared, there.receiver)
+    ready = aligned.ready
+    assert abs(aligned.clock - delay) < 2.0 * DELAY_SD  # from where the filter goes on
     assert abs(ready.receiver.lag.value - lag) < 3.0 * max(ready.receiver.lag.sd, 0.002)
     assert ready.receiver.lag.sd < 0.03
 
@@ -158,10 +166,10 @@ def test_false_fixes_of_a_precise_receiver_do_not_decide():
     rng, off = np.random.default_rng(4), np.zeros_like(gps.lla)
     false = rng.random(gps.time.size) < 0.05
     off[false, :2] = rng.choice([-30.0, 30.0], (int(false.sum()), 2))
-    ready = insnav.load(imu, replace(gps, lla=lla_offset(gps.lla, off))).until("align").ready
-    assert ready.clock == pytest.approx(-0.071, abs=0.012)
-    assert ready.rate == pytest.approx(-290e-6, abs=60e-6)
-    assert ready.receiver.lag.value == pytest.approx(0.130, abs=0.005)
+    model = insnav.load(imu, replace(gps, lla=lla_offset(gps.lla, off))).until("align").model
+    assert model.clock.value == pytest.approx(-0.071, abs=0.012)
+    assert rate_of(model) == pytest.approx(-290e-6, abs=60e-6)
+    assert model.ready.receiver.lag.value == pytest.approx(0.130, abs=0.005)
 
 
 @pytest.mark.parametrize("row", [0, 1, 200, -1])
@@ -180,7 +188,7 @@ def test_a_clock_that_drifts_is_found(rate):
     ready = recorded()
     begin = ready.imu.time[0]
     imu = replace(ready.imu, time=ready.imu.time - rate * (ready.imu.time - begin))
-    found, sd, drift = by_likelihood(prepare(imu, ready.gps, drives.SPEC, ready.receiver))
+    found, sd, drift = by_likelihood(prepare(imu, ready.gps, drives.SPEC, ready.receiver)[0])
     assert drift == pytest.approx(rate, abs=0.25 * abs(rate))
     assert found == pytest.approx(0.0, abs=0.03)
     assert sd < 0.02
@@ -191,15 +199,15 @@ def test_an_uneven_likelihood_gives_no_delay():
     options = {"imu": "consumer", "gps": "urban", "seed": 1016}
     made = plan_of(profiled("round_trip", 1016), options).measured()
     velocities = {name: getattr(made.gps, name) * [1.0, 1.0, np.nan] for name in ("v_n", "velocity_sd")}
-    ready = insnav.load(made.imu, gps=replace(made.gps, **velocities)).until("align").ready
-    assert ready.clock == 0.0
+    aligned = insnav.load(made.imu, gps=replace(made.gps, **velocities)).until("align")
+    assert aligned.model.clock.value == 0.0
 
 
 def test_windows_that_disagree_give_no_delay():
     """Turns of a motorway with consumer gyros: a sharp top at 0.08 s, 9 sd by its curvature; truth 0."""
     made = plan_of(profiled("motorway", 5), {"imu": "consumer", "seed": 5}).measured()
     drive = insnav.load(made.imu, gps=made.gps)
-    assert drive.until("align").ready.clock == 0.0
+    assert drive.until("align").model.clock.value == 0.0
     run = drive.navigate(smooth=False).found.run
     assert abs(run.gps_delay) < min(3.0 * run.gps_delay_sd, 0.010)
 
@@ -251,16 +259,16 @@ def test_the_solution_follows_the_time_of_the_fixes(plain, delay):
 
 def test_a_drive_without_delay_is_left_as_it_is():
     drive = insnav.load(SAMPLE / "imu.csv.gz", SAMPLE / "gps.csv")
-    ready = drive.until("align").ready
-    assert ready.clock == 0.0
-    np.testing.assert_array_equal(ready.imu.time, drive.imu.data.time)
+    aligned = drive.until("align")
+    assert aligned.model.clock.value == 0.0
+    np.testing.assert_array_equal(aligned.ready.imu.time, drive.imu.data.time)
 
 
 def test_a_delay_that_is_given_is_not_looked_for():
     known = insnav.load(SAMPLE / "imu.csv.gz", SAMPLE / "gps.csv")
     gps = replace(known.gps.data, time=known.gps.data.time + 0.5)
-    assert insnav.load(known.imu.data, gps, gps_delay=0.5).until("align").ready.clock == 0.0
-    assert insnav.load(known.imu.data, gps).until("align").ready.clock == pytest.approx(0.5, abs=0.03)
+    assert insnav.load(known.imu.data, gps, gps_delay=0.5).until("align").model.clock.value == 0.0
+    assert insnav.load(known.imu.data, gps).until("align").model.clock.value == pytest.approx(0.5, abs=0.03)
     late = replace(gps, time=gps.time + 1.6)
     insnav.load(known.imu.data, late, gps_delay=2.1)
     with pytest.raises(InputError, match=r"clock.differ"):
@@ -301,9 +309,9 @@ def test_steady_turns_are_no_delay():
     """Around a circle a delay is a heading, and a window of it was 0.14 s sure of one; the whole drive is not."""
     made = insnav.simulate("figure_eight", imu="automotive", gps="rtk", seed=105)
     imu, gps = (each.data.rows(each.data.time < 240.0) for each in (made.imu, made.gps))
-    ready = insnav.load(imu, gps).until("align").ready
-    assert ready.clock == 0.0
-    assert abs(by_likelihood(ready)[0]) < 0.005
+    aligned = insnav.load(imu, gps).until("align")
+    assert aligned.model.clock.value == 0.0
+    assert abs(by_likelihood(aligned.ready)[0]) < 0.005
 
 
 @pytest.mark.parametrize(
@@ -426,9 +434,9 @@ def test_a_drift_of_the_clock_is_found_by_fixes_of_which_gates_reject_many(first
     """RTK, a fix every 5 s: those that gates passed were no likelier with it; six faults and 96 m stated."""
     folder = shared.recorded("rtklib_drive_20250708")
     imu, gps = read_imu(folder / "imu.csv.gz").data, read_gps(folder / "gps.csv").data
-    ready = insnav.load(imu, gps.rows(slice(first, None, 20))).until("align").ready
-    assert ready.rate == pytest.approx(-290e-6, abs=90e-6)
-    assert ready.clock == pytest.approx(-0.06, abs=0.02)
+    model = insnav.load(imu, gps.rows(slice(first, None, 20))).until("align").model
+    assert rate_of(model) == pytest.approx(-290e-6, abs=90e-6)
+    assert model.clock.value == pytest.approx(-0.06, abs=0.02)
 
 
 def a_minute(name: str, begin: float, late: float) -> insnav.Drive:
@@ -547,9 +555,9 @@ def test_a_clock_to_which_the_next_look_goes_back_is_not_moved(monkeypatch: pyte
     ready = recorded()
     moved = list[float]()
 
-    def prepared(clock: float, _: float) -> FilterInput:
+    def prepared(clock: float, _: float) -> Aligned:
         moved.append(clock)
-        return replace(late(ready, 0.0), clock=clock)
+        return Aligned(late(ready, 0.0), (), clock)
 
     assert on_time(prepared, ready.receiver).clock == 0.0
     assert moved == [0.0, -0.032]

@@ -77,8 +77,9 @@ def test_an_error_as_large_as_the_note_says_is_said():
 def test_a_heading_that_the_drive_contradicts_is_not_used(off, said):
     drive = insnav.simulate("city", imu="automotive", seed=1)
     heading = float(drive.reference.data.rph[0, 2])
-    ready = insnav.load(drive.imu.data, drive.gps.data, heading=heading + off * DEG).until("align").ready
-    warned = list(of_code(ready.faults, Code.GIVEN_HEADING_REJECTED, Code.GIVEN_HEADING_KEPT))
+    aligned = insnav.load(drive.imu.data, drive.gps.data, heading=heading + off * DEG).until("align")
+    ready = aligned.ready
+    warned = list(of_code(aligned.model.findings, Code.GIVEN_HEADING_REJECTED, Code.GIVEN_HEADING_KEPT))
     assert [each.code for each in warned] == [Code.GIVEN_HEADING_REJECTED] * said
     assert [each.severity for each in warned] == [Severity.WARNING] * said
     assert (ready.alignment.heading_method is Code.ALIGN_HEADING_GIVEN) != said

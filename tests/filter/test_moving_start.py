@@ -92,7 +92,7 @@ def test_the_attitude_at_the_start_is_that_of_its_own_fix():
     """Of long drives only some fixes are looked at: where that of the start was none, a ship was rolled by 8 deg."""
     imu, gps = begun_in_motion(1, laps=10)
     imu = imu.rows(imu.time > gps.time[0] + 0.3)  # the second fix is the first that it covers
-    ready = prepare(imu, gps, drives.SPEC, Receiver(LeverArm(drives.LEVER_B), Delay(sd=DELAY_SD)))
+    ready, _ = prepare(imu, gps, drives.SPEC, Receiver(LeverArm(drives.LEVER_B), Delay(sd=DELAY_SD)))
     seen = filtered(ready).ready
     assert seen.gps.time.size < gps.time.size
     assert seen.alignment.level_method is Code.ALIGN_LEVEL_MOTION_FILTER
@@ -186,11 +186,12 @@ def test_a_creeping_vehicle_is_aligned_by_its_course(tmp_path: Path, rests: bool
     (tmp_path / "rover.toml").write_text(CREEPING.format(speed=0.0 if rests else 0.36, rest=REST if rests else ""))
     (tmp_path / "poor.toml").write_text(POOR)
     drive = insnav.simulate(tmp_path / "rover.toml", imu="industrial", gps=tmp_path / "poor.toml", seed=1)
-    ready = drive.until("align").ready
+    aligned = drive.until("align")
+    ready = aligned.ready
     true = np.interp(ready.initial.time, drive.reference.data.time, np.unwrap(drive.reference.data.rph[:, 2]))
     assert abs(wrap_pi(ready.alignment.rph[2] - true)) < 3.0 * ready.alignment.sd[2]
     assert ready.alignment.sd[2] < np.radians(31.0)
-    assert any(of_code(ready.notes, Code.ALIGN_HEADING_CREEPING)) is not rests
+    assert any(of_code(aligned.model.findings, Code.ALIGN_HEADING_CREEPING)) is not rests
     assert (ready.alignment.static is not None) is rests
 
 

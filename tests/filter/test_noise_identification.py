@@ -351,7 +351,7 @@ def test_velocities_that_are_off_for_minutes_do_not_lead_heights_away():
     assert estimate.correlated.velocity_sd is not None
     np.testing.assert_allclose(estimate.correlated.velocity_sd, 0.15, rtol=0.4)
     assert estimate.correlated.velocity_time == pytest.approx(100.0, rel=0.6)
-    ready = with_noise(ready, estimate)
+    ready, _ = with_noise(ready, estimate)
     navigator = Navigator(ready)
     navigator.feed(imu)
     found = navigator.finish().smoothed.solution
@@ -388,7 +388,7 @@ def test_false_fixes_do_not_decide():
 def test_the_filter_is_set_up_with_what_was_found(found):
     imu, gps = recorded(0)
     ready = prepared(imu, gps, wrong_spec(), 0)
-    after = with_noise(ready, found[0])
+    after, _ = with_noise(ready, found[0])
     np.testing.assert_allclose(after.model.noise, error_model(found[0].filter_spec, 21).noise)
     np.testing.assert_allclose(after.gps.position_sd, gps.position_sd * found[0].position_factor)
     # attitude and position at the start do not depend on the IMU where the start was given
@@ -413,7 +413,7 @@ def test_the_size_of_misalignments_is_found_and_the_axes_are_no_surer(true, low,
         assert estimate is not None
         assert (estimate.axes.evidence > 0.0) == (true > 0.0)
         size = estimate.spec.gyro.misalignment / 8e-3
-        after = with_noise(ready, estimate)
+        after, _ = with_noise(ready, estimate)
         assert np.all(estimate.axes.attitude_sd < 8e-3 * size)
         off.append(np.abs(settled_attitude(after) - settled_attitude(exact)) / after.model.axes_sd)
         assert np.all(level_bias(estimate.spec.accel) > 0.999 * level_bias(estimate.filter_spec.accel))

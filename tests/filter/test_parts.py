@@ -12,7 +12,7 @@ from insnav.earth import gravity_n, ned_offset
 from insnav.exceptions import AlignmentError
 from insnav.filter.error_model import first_state, initial_state
 from insnav.filter.estimate import Across, Estimate
-from insnav.filter.filter_input import FilterInput, Output
+from insnav.filter.filter_input import Output
 from insnav.filter.navigate import Navigated, navigate_prepared, navigate_recording
 from insnav.filter.navigator import Navigator
 from insnav.filter.prepare import GivenStart, Start, prepare
@@ -103,7 +103,7 @@ def test_a_later_part_tells_of_the_sensors_in_an_earlier_one():
 
 
 def test_sensor_errors_fade_in_the_gap_as_gauss_markov_processes_do():
-    ready = prepare(*recording(0), drives.SPEC, RECEIVER)
+    ready, _ = prepare(*recording(0), drives.SPEC, RECEIVER)
     first = first_state(ready.initial, ready.receiver)
     first.covariance[NAV:, NAV:] *= 0.01
     before = np.diag(first.covariance)[NAV:21].copy()
@@ -117,7 +117,7 @@ def test_sensor_errors_fade_in_the_gap_as_gauss_markov_processes_do():
 
 def test_the_covariance_of_a_new_alignment_is_that_of_first_state_where_nothing_is_known():
     """With the sensor errors as uncertain as at the start, going on is starting anew."""
-    ready = prepare(*recording(0), drives.SPEC, replace(RECEIVER, delay=Delay(sd=0.05)))
+    ready, _ = prepare(*recording(0), drives.SPEC, replace(RECEIVER, delay=Delay(sd=0.05)))
     first = first_state(ready.initial, ready.receiver)
     estimate = Estimate(ready, first, note=print, coast=1.0)
     estimate.go_on(ready.initial, 0.0)
@@ -149,7 +149,7 @@ def test_a_given_start_holds_for_its_part_only():
     imu, gps = recording(0, (100.0, 105.0))
     at = reference(drives.truth(LAPS), np.array([START + 20.0]))
     start = Start(START + 20.0, at.lla[0], at.v_n[0], at.rph[0], np.ones(3), np.full(3, 0.1), np.full(3, DEG))
-    ready = prepare(imu, gps, drives.SPEC, RECEIVER, known=GivenStart(start))
+    ready, _ = prepare(imu, gps, drives.SPEC, RECEIVER, known=GivenStart(start))
     assert ready.alignment.heading_method is Code.ALIGN_HEADING_GIVEN
     assert [part.alignment.heading_method for part in ready.starts[1:]] == [Code.ALIGN_HEADING_COURSE]
 
@@ -161,7 +161,7 @@ def test_no_part_that_can_be_aligned_is_refused_with_the_first_reason():
 
 
 def test_blocks_make_no_difference():
-    ready = prepare(*recording(2, (100.0, 105.0), (150.0, 200.0)), drives.SPEC, RECEIVER)
+    ready, _ = prepare(*recording(2, (100.0, 105.0), (150.0, 200.0)), drives.SPEC, RECEIVER)
     whole = navigate_prepared(ready, drives.SPEC, aiding="off").run
     navigator = Navigator(ready)
     for first in range(0, ready.imu.time.shape[0], 97):
@@ -172,7 +172,7 @@ def test_blocks_make_no_difference():
 
 
 def test_without_a_gap_there_are_no_parts():
-    ready: FilterInput = prepare(*recording(0), drives.SPEC, RECEIVER)
+    ready, _ = prepare(*recording(0), drives.SPEC, RECEIVER)
     assert len(ready.starts) == 1
     assert ready.longest_part() is ready
     assert ready.unbroken_until(START + 10.0) == ready.imu.time[-1]

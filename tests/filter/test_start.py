@@ -162,7 +162,7 @@ def test_an_initial_state_in_a_long_gap_is_refused():
 
 def test_the_state_starts_at_the_imu_not_at_the_antenna():
     motion = drives.truth()
-    ready = prepare(drives.perfect_imu(), drives.perfect_gps(), drives.SPEC, Receiver(LeverArm(drives.LEVER_B)))
+    ready, _ = prepare(drives.perfect_imu(), drives.perfect_gps(), drives.SPEC, Receiver(LeverArm(drives.LEVER_B)))
     error = ned_offset(ready.initial.lla, reference(motion, np.array([ready.initial.time])).lla[0])
     print(error, ready.alignment.heading_method)
     assert np.linalg.norm(error) < 0.1  # the antenna is 1.2 m away

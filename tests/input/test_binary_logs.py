@@ -109,7 +109,7 @@ def test_a_record_at_rest_of_an_unknown_imu_is_asked_for(save):
     assert caught.value.values["topics"] == ("iIMU-FSAS", "IMU-CPT")
     noise = caught.value.values["noise_rad_sqrt_s"]
     assert noise == pytest.approx((2e-5 * np.pi / 180.0, 2e-5), rel=0.1)  # of 2e-4 rad/s at 100 Hz
-    read = read_samples(path, {"topic": "IMU-CPT"}, bench="noise").data
+    read = read_samples(path, {"topic": "IMU-CPT"}, "noise").data
     assert np.allclose(read.gyro / 0.01, Rocking.noise, atol=2e-5)
 
 

@@ -23,7 +23,7 @@ def _lines(*records: object) -> bytes:
 
 def test_openpilot_has_one_clock_for_samples_and_fixes(save):
     path = save(logs.openpilot())
-    imu, gps = read_imu(path, any_way=True), read_gps(path)
+    imu, gps = read_imu(path, use="drive"), read_gps(path)
     assert np.allclose(imu.data.gyro, SAMPLES.gyro)
     assert np.allclose(imu.data.accel, SAMPLES.accel)
     assert np.allclose(imu.data.time, START + SAMPLES.t, atol=1e-6)
@@ -39,14 +39,14 @@ def test_older_openpilot_has_lists_of_events(save):
         events = [{"sensor": 1, "timestamp": now - 5, "acceleration": {"v": [*f], "status": 3}}]
         events += [{"sensor": 4, "timestamp": now - 5, "gyro": {"v": [*w], "status": 3}}]
         records.append({"logMonoTime": now, "valid": True, "sensorEvents": events})
-    imu = read_imu(save(_lines(*records, {"logMonoTime": 1, "valid": True, "carState": {"vEgo": 3.0}})), any_way=True)
+    imu = read_imu(save(_lines(*records, {"logMonoTime": 1, "valid": True, "carState": {"vEgo": 3.0}})), use="drive")
     assert np.allclose(imu.data.gyro, SAMPLES.gyro)
     assert np.allclose(imu.data.time, START + SAMPLES.t, atol=1e-6)
 
 
 def test_bdd100k_is_one_document_in_milliseconds_and_g(save):
     path = save(logs.bdd100k())
-    imu, gps = read_imu(path, any_way=True, units="accel=g"), read_gps(path)
+    imu, gps = read_imu(path, use="drive", units="accel=g"), read_gps(path)
     assert np.allclose(imu.data.accel, SAMPLES.accel, atol=1e-6)
     assert np.allclose(imu.data.gyro, SAMPLES.gyro)
     assert np.allclose(gps.data.time, UNIX + FIXES.t, atol=1e-3)
@@ -105,7 +105,7 @@ def test_kinds_named_in_the_records_are_parts_of_the_recording(save):
 
 def test_a_cut_last_line_is_told_and_damage_inside_is_refused(save):
     whole = logs.openpilot()
-    imu = read_imu(save(whole[: len(whole) // 2]), any_way=True)
+    imu = read_imu(save(whole[: len(whole) // 2]), use="drive")
     assert 0 < len(imu.data.time) < len(SAMPLES.t)
     assert [*of_code((*imu.events, *imu.facts.evidence), Code.ROWS_CUT)]
     lines = whole.splitlines()

@@ -12,6 +12,7 @@ from insnav.findings import Code
 from insnav.imu import ImuErrors, calibration_to_toml, load_calibration
 from insnav.imu.model import RawScale
 from insnav.input import read_imu
+from insnav.input.readers.imu import unit_pairs
 from tests.input.files import noted
 from tests.refusals import problems_of, refused
 
@@ -34,7 +35,7 @@ def recording(path: Path, header: str = HEADER, volts: float = 1.0) -> tuple[np.
 @pytest.mark.parametrize(("header", "volts"), [(HEADER, 1.0), (HEADER.replace("_v", "_mv"), 1000.0)])
 def test_outputs_become_rates_and_forces(tmp_path: Path, header: str, volts: float) -> None:
     rate, force = recording(tmp_path / "imu.csv", header, volts)
-    reading = read_imu(tmp_path / "imu.csv", raw_scales=SCALES)
+    reading = read_imu(tmp_path / "imu.csv", units=SCALES)
     np.testing.assert_allclose(reading.data.gyro, rate, atol=1e-9)
     np.testing.assert_allclose(reading.data.accel, force, atol=1e-9)
     scaled = noted(reading, Code.READ_IMU_RAW_SCALED)
@@ -64,7 +65,7 @@ def test_another_unit_than_that_of_the_calibration_is_refused(
 ) -> None:
     recording(tmp_path / "imu.csv", header)
     with pytest.raises((InputError, ConfigError)) as caught:
-        read_imu(tmp_path / "imu.csv", raw_scales=SCALES, **options)
+        read_imu(tmp_path / "imu.csv", units=[*unit_pairs(options.get("units")), *SCALES.items()])
     assert caught.value.code == expected
 
 

@@ -301,7 +301,7 @@ def test_clipping_is_a_run_at_the_extreme_in_motion_only() -> None:
 def test_recorded_counts_show_gravity_and_close_their_turns() -> None:
     """Xsens MTi in raw counts, 38 poses: gravity to 0.1 mg, turns to 0.14 deg, and the author's own figures."""
     folder = recorded("calib_imutk_xsens")
-    reading = read_imu(folder / "raw_counts.csv.gz", bench="counts")
+    reading = read_imu(folder / "raw_counts.csv.gz", use="counts")
     found = calibrate_poses(reading.data, 9.81744, counts=True)
     assert len(found.poses) == pytest.approx(38, abs=2)
     assert np.sqrt(np.mean(found.norm_before**2)) > 20.0 * np.sqrt(np.mean(found.norm_after**2))

@@ -40,7 +40,7 @@ def bench() -> RecordedBudget:
     lla = read_reference(folder / "ref.csv").data.lla[0]
     spec = load_imu("navigation")
     fixes = stationary_fixes(lla, float(imu.time[0]), float(imu.time[-1]), 0.01, 0.005)
-    ready = prepare(imu, fixes, spec, Receiver())
+    ready, _ = prepare(imu, fixes, spec, Receiver())
     return recorded_budget(ready, spec, None, WindowSettings(spacing=45.0, uncalibrated=True))
 
 
@@ -68,7 +68,7 @@ def test_ring_laser_gyros_at_rest_err_by_decimetres_in_a_minute():
 def consumer() -> RecordedBudget:
     imu, gps = recording("rtklib_drive_20250708")
     spec = imu_model(imu, gps)
-    ready = prepare(imu, gps, spec, Receiver(LeverArm(np.array([0.0, -0.05, 0.0])), Delay(sd=DELAY_SD)))
+    ready, _ = prepare(imu, gps, spec, Receiver(LeverArm(np.array([0.0, -0.05, 0.0])), Delay(sd=DELAY_SD)))
     return recorded_budget(ready, spec, None, WindowSettings(spacing=20.0, replicas=3))
 
 
@@ -95,7 +95,7 @@ def tokyo() -> RecordedBudget:
     imu, gps = recording("ixr_tsukishima_20210412")
     spec = imu_model(imu, gps)
     read = read_reference(recorded("ixr_tsukishima_20210412") / "ref.csv")
-    ready = prepare(imu, gps, spec, Receiver(LeverArm(np.array([0.0, 0.3, 0.0])), Delay(sd=DELAY_SD)))
+    ready, _ = prepare(imu, gps, spec, Receiver(LeverArm(np.array([0.0, 0.3, 0.0])), Delay(sd=DELAY_SD)))
     return recorded_budget(ready, spec, fixed(read.data, read.fix), WindowSettings())
 
 
@@ -135,7 +135,7 @@ def test_a_drive_without_its_rest_says_what_was_assumed():
     fixes = gps.time > later.time[0]
     some = GpsData(gps.time[fixes], gps.lla[fixes], gps.v_n[fixes], gps.position_sd[fixes], gps.velocity_sd[fixes])
     spec = load_imu("consumer")
-    ready = prepare(cut(later, 150.0), some, spec, Receiver(delay=Delay(sd=DELAY_SD)))
+    ready, _ = prepare(cut(later, 150.0), some, spec, Receiver(delay=Delay(sd=DELAY_SD)))
     found = recorded_budget(ready, spec, None, WindowSettings(length=30.0, spacing=10.0))
     assert {Code.BUDGET_NO_STATIONARY_WINDOW, Code.BUDGET_OWN_FIXES} <= {note.code for note in found.notes}
     assert found.calibrated.windows.count >= 3

@@ -17,8 +17,9 @@ from tests.shared import recorded
 def errors(imu: ImuData, gps: GpsData, lever_b: tuple[float, float, float], lengths: list[float]) -> list[float]:
     """Horizontal RMS at the end of windows of each length, NHC and odometer used."""
     spec = imu_model(imu, gps)
-    ready = aided(prepare(imu, gps, spec, Receiver(LeverArm(np.array(lever_b)), Delay(sd=DELAY_SD))), spec)
-    print(*ready.notes, sep="\n")
+    ready, notes = prepare(imu, gps, spec, Receiver(LeverArm(np.array(lever_b)), Delay(sd=DELAY_SD)))
+    ready = aided(ready, spec)
+    print(*notes, sep="\n")
     sums = outage_growth(outages(ready, lengths=lengths))
     for each in sums:
         rms, high, largest, predicted = (v[-1, 0] for v in (each.corrected, each.p95, each.largest, each.predicted))

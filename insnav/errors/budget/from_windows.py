@@ -376,7 +376,6 @@ def recorded_budget(
         drive.run.smoothed.solution,
         (
             *filter(None, (failure(drive.run),)),
-            *ready.notes,
             *_findings(reference, spec, settings, parts[0], correlated=ready.receiver.correlated is not None),
         ),
     )

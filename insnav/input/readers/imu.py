@@ -27,7 +27,9 @@ from insnav.input.readers.rows import read_rows
 from insnav.types import BoolArray, FloatArray, ImuData, Sampling, Stamp
 
 AccelSign = Literal["force", "minus-force"]
-Bench = Literal["noise", "counts"]
+Use = Literal["drive", "noise", "counts"]
+# units of ``gyro``, ``accel`` and ``time``, or the conversion of their volts or counts
+Units = Mapping[str, str | RawScale] | Sequence[tuple[str, str | RawScale]] | str | None
 
 _RATES = ("gyro_x", "gyro_y", "gyro_z")
 _FORCES = ("accel_x", "accel_y", "accel_z")
@@ -45,13 +47,11 @@ def read_imu(
     *,
     axes: str | None = None,
     columns: Mapping[str, str] | None = None,
-    units: Mapping[str, str] | str | None = None,
+    units: Units = None,
     sampling: Sampling | None = None,
     stamp: Stamp | None = None,
-    raw_scales: Mapping[str, RawScale] | None = None,
-    any_way: bool = False,
     accel_sign: AccelSign | None = None,
-    bench: Bench | None = None,
+    use: Use | None = None,
 ) -> Reading[ImuData]:
     """Read inertial data.
 
@@ -65,20 +65,17 @@ def read_imu(
         Quantity, with or without unit, to header: ``{"gyro_x_dps": "Gx"}``.
     units : mapping or str, optional
         Units of ``gyro``, ``accel`` and ``time``: ``"gyro=deg/s,accel=g"`` or ``"deg/s,g"``; default:
-        from the headers, else from physics. Counts: ``"counts/(deg/s)=131,counts/g=16384"``.
+        from the headers, else from physics. Counts: ``"counts/(deg/s)=131,counts/g=16384"``. A `RawScale` as the unit
+        of ``gyro`` or ``accel`` converts volts or counts to rates or forces.
     sampling : {"mean", "instant", "increment"}, optional
         Default ``increment`` for columns so named, else ``mean``.
     stamp : {"start", "mid", "end"}, optional
         Default ``end``.
-    raw_scales : mapping of str to RawScale, optional
-        For ``gyro``, ``accel`` or both: the file contains volts or counts, with this conversion to rates and forces.
-    any_way : bool, optional
-        Unspecified axes may have any direction: a drive determines them.
     accel_sign : {"force", "minus-force"}, optional
         Accelerometers have the sign of the specific force (default), or the opposite one, as in apps for iOS.
-    bench : {"noise", "counts"}, optional
-        For a noise analysis, sensors may be missing, with NaN in their columns, and axes may have any direction. Counts
-        or volts of unknown sensitivity are only rotated to body axes.
+    use : {"drive", "noise", "counts"}, optional
+        For a drive and a noise analysis, unspecified axes may have any direction. For the latter, sensors may be
+        missing, with NaN in their columns. Counts or volts of unknown sensitivity are only rotated to body axes.
 
     Returns
     -------
@@ -91,14 +88,14 @@ def read_imu(
     ConfigError
         An option is invalid.
     """
-    some, counts = bench == "noise", bench == "counts"
+    some, counts, any_way = use == "noise", use == "counts", use in ("drive", "noise")
     given = parse_units(units)
     table = open_table(path, "imu")
-    by_format = not axes and table.axes
+    by_format = not axes and bool(table.axes)
     axes = axes or table.axes or None
     matrix = physics.axes_matrix(axes or "FRD")
     name = table.name
-    scales = {**(raw_scales or {}), **_count_scales(units)}
+    scales = _raw_scales(units)
     schema = _raw_schema(scales)
     guessed = not columns and is_headerless(table.headers)
     columns = imu_columns(table) if guessed else columns
@@ -148,7 +145,7 @@ def read_imu(
         gyro_unit, gyro_evidence = physics.find_gyro_unit(
             quiet, ratio / scale, correlation, stated["gyro"], increments=increments, where=name, odd=odd
         )
-        axes_evidence = physics.check_axes(quiet, axes, where=name, any_way=any_way or some, by_format=bool(by_format))
+        axes_evidence = physics.check_axes(quiet, axes, where=name, any_way=any_way, by_format=by_format)
         units_evidence = (gyro_evidence, accel_evidence, axes_evidence)
     for array, unit in ((gyro, gyro_unit), (accel, accel_unit)):
         if ALL_UNITS[unit][1] != 1.0:
@@ -184,15 +181,15 @@ def read_imu(
     )
 
 
-def parse_units(units: Mapping[str, str] | str | None) -> dict[str, str]:
+def parse_units(units: Units) -> dict[str, str]:
     """Parse the user's units of ``gyro``, ``accel`` and ``time``.
 
     Written as ``{"gyro": "deg/s"}``, ``"gyro=deg/s,accel=g,time=ms"``, or ``"deg/s,g"``; anything else is a
     `ConfigError`.
     """
     found: dict[str, str] = {}
-    for key, text in _pairs(units):
-        if _COUNTS_PER.fullmatch(key):
+    for key, text in unit_pairs(units):
+        if isinstance(text, RawScale) or _COUNTS_PER.fullmatch(key):
             continue
         for name, dimensions in _DIMENSIONS.items():
             unit = next((u for d in dimensions if (u := find_unit(text, d)) is not None), None)
@@ -204,18 +201,21 @@ def parse_units(units: Mapping[str, str] | str | None) -> dict[str, str]:
     return found
 
 
-def _pairs(units: Mapping[str, str] | str | None) -> list[tuple[str, str]]:
+def unit_pairs(units: Units) -> list[tuple[str, str | RawScale]]:
     """Split specified units into targets and units; an empty target for units alone."""
     if not isinstance(units, str):
-        return [*(units or {}).items()]
+        return [*(units.items() if isinstance(units, Mapping) else units or ())]
     parts = [part.split("=", 1) for part in re.split(r"[,;]", units) if part.strip()]
     return [(p[0].strip(), p[1].strip()) if len(p) > 1 else ("", p[0].strip()) for p in parts]
 
 
-def _count_scales(units: Mapping[str, str] | str | None) -> dict[str, RawScale]:
-    """Parse a scale of counts instead of a unit, such as ``counts/(deg/s)=131,counts/g=16384``."""
-    scales = {}
-    for key, text in _pairs(units):
+def _raw_scales(units: Units) -> dict[str, RawScale]:
+    """Parse scales of counts instead of units, such as ``counts/(deg/s)=131,counts/g=16384``, and add known scales."""
+    scales = dict[str, RawScale]()
+    for key, text in unit_pairs(units):
+        if isinstance(text, RawScale):
+            scales.setdefault(key, text)
+            continue
         if (per := _COUNTS_PER.fullmatch(key)) is None:
             continue
         triads = {"gyro": find_unit(per["unit"], "rate"), "accel": find_unit(per["unit"], "acceleration")}

@@ -294,7 +294,7 @@ def read(files: Sequence[str | Path | Table], how: BenchOptions) -> Reading[ImuD
         units=how.units,
         sampling=cast("Sampling | None", how.sampling),
         stamp=cast("Stamp | None", how.stamp),
-        bench="counts" if how.counts else None,
+        use="counts" if how.counts else None,
     )
 
 

@@ -272,4 +272,4 @@ def _csv_row(row: Row) -> dict[str, Any]:
     known = (fact for each in row.quantities() + row.noise for fact in each.facts().items())
     facts = {name: value for name, value in known if "_interval" not in name}
     code = 0 if row.drive.failed is None else row.drive.failed.exit_code
-    return {**facts, "exit_code": code, "file": cell_text(row.drive.file)}
+    return {**facts, "result": row.light, "exit_code": code, "file": cell_text(row.drive.file)}

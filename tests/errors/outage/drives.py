@@ -70,13 +70,13 @@ def injected(seed: int = 1, laps: int = 2) -> FilterInput:
     """A drive whose sensors have exactly 10 deg/h and 1 mg on every axis, and noise."""
     noisy = corrupt_imu(perfect(laps), noise_only(), (seed, 1)).imu
     errors = ImuErrors(gyro_bias=SPEC.gyro.bias * SIGNS, accel_bias=SPEC.accel.bias * SIGNS)
-    return prepare(corrupt(noisy, errors), measure_gps(motion(laps), RECEIVER, (seed, 2)), SPEC, Receiver())
+    return prepare(corrupt(noisy, errors), measure_gps(motion(laps), RECEIVER, (seed, 2)), SPEC, Receiver())[0]
 
 
 def drawn(seed: int, spec: ImuSpec = SPEC) -> FilterInput:
     """A drive with an IMU sampled from a specification; the filter uses `SPEC`."""
     imu = corrupt_imu(perfect(), spec, (seed, 3)).imu
-    return prepare(imu, measure_gps(motion(), RECEIVER, (seed, 4)), SPEC, Receiver())
+    return prepare(imu, measure_gps(motion(), RECEIVER, (seed, 4)), SPEC, Receiver())[0]
 
 
 @lru_cache(maxsize=4)
