@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from insnav.exceptions import AlignmentError, ConfigError
-from insnav.filter.delay_and_lever import filtered, on_time, with_right_heading
+from insnav.filter.delay_and_lever import PRETENDED, filtered, lever_off, on_time, pretended, with_right_heading
 from insnav.filter.filter_input import FilterInput
 from insnav.findings import Code, Finding
 from insnav.input.readers.kinds import files_with
@@ -35,9 +35,12 @@ def align(recording: Recording, model: Model) -> tuple[Recording, Model, tuple[F
     if not as_given(recording.inputs):
         if model.receiver.delay.source == "given":
             ready, model = with_right_delay(ready, recording, model, given)
+        free = model
+        if model.receiver.lever_arm.source == "given" and not model.receiver.lever_arm.sd:
+            ready, free = _with_right_arm(ready, recording, model, given)
         if given is not None:
             with suppress(AlignmentError):  # the drive does not determine the heading
-                ready = with_right_heading(ready, _on_time(recording, model, None))
+                ready = with_right_heading(ready, _on_time(recording, free, None))
     return recording, replace(model, ready=ready), ready.findings
 
 
@@ -53,6 +56,17 @@ def with_right_delay(
     values: dict[str, Any] = {"given_s": given, "estimate_s": other.clock, "estimate_sd_s": sd}
     rejected = Finding.of(Code.GIVEN_DELAY_REJECTED, other.initial.time, subject="gps", **values)
     return other.add_faults(rejected), free
+
+
+def _with_right_arm(
+    ready: FilterInput, recording: Recording, model: Model, heading: float | None
+) -> tuple[FilterInput, Model]:
+    """Keep the given lever arm, or leave it to the filter if the drive contradicts it beyond the noise of its gyros."""
+    run, off, limit = lever_off(ready, model.receiver.lever_arm.value)
+    if not (off > limit).any() or pretended(ready, run) > PRETENDED:
+        return ready, model
+    free = replace(model, receiver=model.receiver.forget_lever_arm())
+    return _on_time(recording, free, heading), free
 
 
 def _on_time(recording: Recording, model: Model, heading: float | None) -> FilterInput:
