@@ -469,6 +469,8 @@ def _with_course(ready: FilterInput, alignment: Alignment) -> Alignment:
 
 
 WRONG = 0.4  # smallest reported error of a lever arm [m]
+OPENED_ARM = 2.0  # standard deviation of each component in the run that tests a specified lever arm [m]
+SURE_ARM = 6.0  # smallest reported error, in standard deviations of the estimate
 # Share of the lever-arm information that may come from gyro noise before it is reported. Approximate time over which
 # noise rotates the attitude before fixes correct it [s]
 PRETENDED, SHOWN_AFTER = 0.2, 10.0
@@ -548,3 +550,9 @@ def looked(ready: FilterInput, lever_sd: float | None = None) -> Run:
     receiver = replace(receiver, lever_arm=lever_arm, delay=replace(receiver.delay, least_sd=0.0))
     some = replace(some, receiver=receiver, output=replace(some.output, smooth=False))
     return feed(Navigator(some), some.imu).finish()
+
+
+def lever_off(ready: FilterInput, arm: FloatArray) -> tuple[Run, FloatArray, FloatArray]:
+    """Test a specified lever arm (3,) [m]: run that estimates it, differences and least reported ones (3,) [m]."""
+    run = looked(ready, max(ready.receiver.lever_arm.sd, OPENED_ARM))
+    return run, np.abs(run.lever_b - arm), np.maximum(WRONG, SURE_ARM * run.lever_sd)
