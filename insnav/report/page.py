@@ -252,11 +252,18 @@ def of_table(name: str, found: object = None, /, **values: Any) -> tuple[Quantit
     return tuple(_of_column(key, column, found, values) for key, column in _tables()[kind][part].items())
 
 
+def of_columns(name: str, **columns: Iterable[Any]) -> tuple[tuple[Quantity, ...], ...]:
+    """Build the rows of a table from its columns, which have one value a row; see `of_table`."""
+    rows = zip(*columns.values(), strict=False)  # a constant column may repeat for ever
+    return tuple(of_table(name, **dict(zip(columns, row, strict=True))) for row in rows)
+
+
 def _of_column(key: str, column: Mapping[str, Any], found: object, values: Mapping[str, Any]) -> Quantity:
     value = values[key] if key in values else attrgetter(column.get("of", key))(found)
-    own = {name: attrgetter(column[name])(found) for name in ("sd", "interval") if name in column}
     how = {name: column[name] for name in ("unit", "meaning", "digits", "decimals") if name in column}
-    return Quantity(key, value, **own, **how)
+    how |= {name: attrgetter(*column[name].split())(found) for name in ("sd", "interval") if name in column}
+    how |= {"unit": attrgetter(column["unit_of"])(found)} if "unit_of" in column else {}
+    return Quantity(key, value, **how)
 
 
 def only_json(key: str, *items: Quantity, parts: tuple[Section, ...] = ()) -> Section:

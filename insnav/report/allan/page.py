@@ -15,7 +15,7 @@ from insnav.lab.noise.static_noise import KEYS, SignalNoise, StaticNoise
 from insnav.messages import phrase
 from insnav.output.data_files import csv_text
 from insnav.quantity import Quantity, key_suffix
-from insnav.report.page import DataFrame, Page, Section, by_warnings, cell, drawn, only_json
+from insnav.report.page import DataFrame, Page, Section, by_warnings, cell, drawn, of_table, only_json
 from insnav.report.panels import Curve, Panel
 from insnav.report.style import AXIS_COLOURS, GREY
 from insnav.result import Result
@@ -174,11 +174,8 @@ def _axis(found: StaticNoise, column: int) -> tuple[Section, ...]:
         for term, each in model.coefficients.items()
     ]
     items += _of_model(model, size)
-    items += [
-        Quantity("floor", floor.value, size, meaning="lowest deviation"),
-        Quantity("floor_tau", floor.tau, "s", meaning="at averaging time"),
-        Quantity("misfit", model.misfit, meaning="relative misfit of the model"),
-    ]
+    items.append(Quantity("floor", floor.value, size, meaning="lowest deviation"))
+    items += of_table("allan.axis", floor, misfit=model.misfit)
     si = (noise_quantity(term, each.value, gyro=gyro, si=True) for term, each in model.coefficients.items())
     return only_json(key, *items), only_json(key, *si)
 
@@ -269,18 +266,9 @@ def allan_panels(found: StaticNoise | SignalNoise) -> Iterator[Panel]:
             continue
         low, high = (float(limit(np.concatenate(seen))) for limit in (np.min, np.max))
         title = f"Allan deviation of the {sensors}" if unit else "Allan deviation"
-        yield Panel(
-            f"allan_{sensors}",
-            title,
-            f"Allan deviation [{unit or 'unit of the signal'}]",
-            "averaging time [s]",
-            (*curves, *_guides(tau, high)),
-            "tau",
-            note,
-            log="xy",
-            limits=(0.4 * low, 5.0 * high),
-            height=400,
-        )
+        labels = title, f"Allan deviation [{unit or 'unit of the signal'}]", "averaging time [s]"
+        every, limits = (*curves, *_guides(tau, high)), (0.4 * low, 5.0 * high)
+        yield Panel(f"allan_{sensors}", *labels, every, "tau", note, log="xy", limits=limits, height=400)
         note = ""
 
 

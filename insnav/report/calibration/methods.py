@@ -18,7 +18,7 @@ from insnav.lab.single_axis.rate_table import RateTable, Record
 from insnav.lab.single_axis.tumble import Positions, Tumble, harmonics
 from insnav.messages import phrase, sentence
 from insnav.quantity import Quantity
-from insnav.report.page import Page, Section, drawn, of_table, only_json
+from insnav.report.page import Page, Section, drawn, of_columns, of_table, only_json
 from insnav.report.panels import Curve, Panel
 from insnav.report.style import AXIS_COLOURS, BLACK, GREY, number
 from insnav.sample_statistics import rms
@@ -302,17 +302,10 @@ def _senses(found: dict[str, RateTable], unit: str) -> Section:
 
 def _dwells(records: Sequence[Record], names: Sequence[str]) -> Section:
     """Tabulate the samples dropped in cleaning, if any."""
-    rows = tuple(
-        (
-            Quantity("sensor", name),
-            Quantity("dwells", record.dwells.count.size),
-            Quantity("fewest_samples", int(record.dwells.count.min())),
-            Quantity("most_samples", int(record.dwells.count.max())),
-            Quantity("spikes_dropped", int(record.dwells.dropped.sum())),
-        )
-        for name, record in zip(names, records, strict=True)
-        if record.dwells.raw
-    )
+    raw = {name: record.dwells for name, record in zip(names, records, strict=True) if record.dwells.raw}
+    counts, dropped = [each.count for each in raw.values()], [int(each.dropped.sum()) for each in raw.values()]
+    ends = {"fewest_samples": map(np.min, counts), "most_samples": map(np.max, counts)}
+    rows = of_columns("calibration.dwells", sensor=raw, dwells=map(len, counts), **ends, spikes_dropped=dropped)
     note = (
         "Each dwell: polynomial of order 7 through its samples, those beyond the spike limit dropped, mean of the rest."
     )
@@ -379,27 +372,18 @@ def _settings(rate: FloatArray) -> list[str]:
 
 
 def _errors(found: SweepCalibration, stages: Sequence[float]) -> Section:
-    rows = []
-    for i, axis in enumerate("xyz"):
-        item, final = found.pieces[i], found.error_map[:, i]
-        worst = int(np.nanargmax(np.abs(final)))
-        rows.append(
-            (
-                Quantity("gyro", axis),
-                Quantity("line", rms(found.error_line[:, i]), "deg/s", meaning="own line, RMS"),
-                Quantity("matrix", rms(found.error_matrix[:, i]), "deg/s"),
-                Quantity("map", rms(final), "deg/s", meaning="matrix and pieces"),
-                Quantity("left_out", None if item is None else rms(item.left_out), "deg/s"),
-                Quantity("worst", abs(float(final[worst])), "deg/s"),
-                Quantity("worst_at", _settings(found.rate[worst : worst + 1])[0], meaning="at"),
-            )
-        )
+    worst = np.nanargmax(np.abs(found.error_map), axis=0)
+    left_out = (None if item is None else rms(item.left_out) for item in found.pieces)
+    errors = {"line": found.error_line, "matrix": found.error_matrix, "map": found.error_map}
+    sizes = {name: map(rms, each.T) for name, each in errors.items()} | {"left_out": left_out}
+    at, most = _settings(found.rate[worst]), np.abs(found.error_map[worst, range(3)])
+    rows = of_columns("calibration.sweep_error", gyro="xyz", **sizes, worst=most, worst_at=at)
     note = (
         "own line: bias and scale factor of each gyro alone; left out: in its own sweep, each rate by pieces fitted "
         "without it"
     )
-    of_all = (Quantity(name, value, "deg/s") for name, value in zip(("line", "matrix", "map"), stages, strict=True))
-    table = Section("rate_error_by_gyro", "Error of the corrected rate", rows=tuple(rows), note=note, keyed=True)
+    of_all = (Quantity(name, value, "deg/s") for name, value in zip(errors, stages, strict=True))
+    table = Section("rate_error_by_gyro", "Error of the corrected rate", rows=rows, note=note, keyed=True)
     return Section("", parts=(table, only_json("rate_error", *of_all)))
 
 
@@ -417,10 +401,7 @@ def _pieces(found: SweepCalibration) -> tuple[Section, ...]:
     known = {axis: item for axis, item in zip("xyz", found.pieces, strict=True) if item is not None}
     rows = tuple(
         (
-            Quantity("gyro", axis),
-            Quantity("piece", i + 1),
-            Quantity("from", float(item.knot[i]), "deg/s", decimals=2),
-            Quantity("to", float(item.knot[i + 1]), "deg/s", decimals=2),
+            *of_table("calibration.piece", gyro=axis, piece=i + 1, **{"from": item.knot[i]}, to=item.knot[i + 1]),
             Quantity("k", float(slope), "ppm", sd=float(item.slope_sd[i])),
             Quantity("b", float(item.value[i] - slope * item.knot[i]), "deg/s", meaning="b'", decimals=4),
         )

@@ -159,19 +159,14 @@ def _coefficients(each: GyroDrift, name: str) -> Section:
 
 
 def _ramps(each: GyroDrift, name: str) -> Section:
-    rows = tuple(
-        (
-            Quantity("ramp", "recorded" if answer.measured else "computed, 0 to 10 r/min in 100 s"),
-            Quantity("slope", answer.slope / DEG, "deg/s^2"),
-            Quantity("lag", answer.lag, "s", sd=answer.lag_sd if answer.measured else None),
-            Quantity("lag_by_gain", each.smoother.lag, "s"),
-            Quantity("largest_error", answer.worst, "deg/s"),
-        )
-        for answer in (each.computed, each.recorded)
-        if answer is not None
-    )
+    rows = []
+    for answer in filter(None, (each.computed, each.recorded)):
+        ramp = "recorded" if answer.measured else "computed, 0 to 10 r/min in 100 s"
+        lag = Quantity("lag", answer.lag, "s", sd=answer.lag_sd if answer.measured else None)
+        slope, *others = of_table("drift.ramp", answer, slope=answer.slope / DEG, lag_by_gain=each.smoother.lag)
+        rows.append((Quantity("ramp", ramp), slope, lag, *others))
     note = "lag and error in the second half of the ramp, error also after it"
-    return Section("ramps", f"Rate ramp of {name}", rows=rows, note=note)
+    return Section("ramps", f"Rate ramp of {name}", rows=tuple(rows), note=note)
 
 
 def rates_csv(found: DriftStudy) -> str:
@@ -217,21 +212,11 @@ def _panels(time: FloatArray, each: GyroDrift) -> tuple[Panel, Panel, Panel]:
     ramp = Curve(f"smoothed less true rate: lag {answer.lag:.3g} s", answer.time - answer.time[0], error, colour)
     kind = "recorded" if answer.measured else "computed"
     name = f"Gyro {axis}"
+    labels = f"{name}, Allan deviation", "deviation [deg/h]", "averaging time [s]"
     note = "corrected: drift model subtracted; smoothed: after the scalar Kalman filter"
     return (
         Panel(f"rest_{axis}", f"{name} at rest", "rate [deg/s]", "time [s]", rest, "rest", note),
-        Panel(
-            f"deviation_{axis}",
-            f"{name}, Allan deviation",
-            "deviation [deg/h]",
-            "averaging time [s]",
-            tuple(allan),
-            "tau",
-            "band: 95 %",
-            log="xy",
-            limits=limits,
-            height=240,
-        ),
+        Panel(f"deviation_{axis}", *labels, tuple(allan), "tau", "band: 95 %", log="xy", limits=limits, height=240),
         Panel(f"ramp_{axis}", f"{name}, {kind} ramp", "error [deg/s]", "time on the ramp [s]", (ramp,), "ramp"),
     )
 

@@ -18,7 +18,18 @@ from insnav.output.folder import RunFolder
 from insnav.output.solution_tables import TableFormat, write_events, write_run_table
 from insnav.output.track_files import write_kml
 from insnav.quantity import Quantity
-from insnav.report.page import DataFrame, Page, Section, Verdict, beside, drawn, of_table, only_json, rows_frame
+from insnav.report.page import (
+    DataFrame,
+    Page,
+    Section,
+    Verdict,
+    beside,
+    drawn,
+    of_columns,
+    of_table,
+    only_json,
+    rows_frame,
+)
 from insnav.report.panels import Clock, Curve, Kind, Panel, Shade, Track, over_time
 from insnav.report.style import AXIS_COLOURS, BLACK, BLUE, GREEN, GREY, NED, PURPLE, VERMILLION
 from insnav.result import Result
@@ -120,15 +131,10 @@ def _state(name: Integrator, run: PlatformRun) -> tuple[Quantity, ...]:
 
 
 def _differences(differences: Mapping[Integrator, TrajectoryErrors], *, to_reference: bool) -> Section:
-    rows = tuple(
-        (
-            Quantity("integrator", name),
-            Quantity("horizontal", float(each.horizontal.max()), "m", meaning="largest"),
-            Quantity("end", float(each.horizontal[-1]), "m", meaning="at the end"),
-            Quantity("velocity", float(np.nanmax(speed_of(each), initial=0.0)), "m/s", meaning="velocity, largest"),
-        )
-        for name, each in differences.items()
-    )
+    fastest = [float(np.nanmax(speed_of(each), initial=0.0)) for each in differences.values()]
+    sizes = [each.horizontal for each in differences.values()]
+    ends, largest = [float(each[-1]) for each in sizes], [float(each.max()) for each in sizes]
+    rows = of_columns("platform.difference", integrator=differences, horizontal=largest, end=ends, velocity=fastest)
     which = "the reference" if to_reference else "fourth order"
     key = f"largest_difference_to_{'reference' if to_reference else platform_errors.AGAINST}"
     note = "on a platform without errors" if to_reference else ""
@@ -374,16 +380,8 @@ def convergence_panel(found: Sequence[Convergence]) -> Panel:
         name, colour = f"{each.integrator}: order {each.order:.2f}", COLOURS[each.integrator]
         kind: Kind = "dashed" if each.integrator == "backward" else "line"  # on the line of forward
         curves += [Curve(name, each.step, each.error, colour, how) for how in (kind, "points")]
-    return Panel(
-        "sine",
-        "Order of convergence on y = sin t",
-        "largest error",
-        "step [s]",
-        tuple(curves),
-        note="of the integral from 0 to 5 s; the slope is the order",
-        log="xy",
-        height=300,
-    )
+    labels, note = ("Order of convergence on y = sin t", "largest error", "step [s]"), "of the integral from 0 to 5 s"
+    return Panel("sine", *labels, tuple(curves), note=f"{note}; the slope is the order", log="xy", height=300)
 
 
 def flight_panel(found: Mapping[float, Sequence[TrajectoryErrors]], motion: str) -> Panel:

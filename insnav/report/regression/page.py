@@ -214,12 +214,9 @@ def _merits(found: Regression) -> tuple[Quantity, ...]:
 
 
 def _case(name: str, case: CaseResult) -> tuple[Quantity, ...]:
-    return (
-        Quantity("case", name),
-        Quantity("digest", case.digest),
-        Quantity("failures", {str(number): each.code if each else None for number, each in case.failures.items()}),
-        Quantity("values", {key: BY_KEY[key].typical(value) for key, value in case.measured.values.items()}),
-    )
+    failures = {str(number): each.code if each else None for number, each in case.failures.items()}
+    values = {key: BY_KEY[key].typical(value) for key, value in case.measured.values.items()}
+    return of_table("regression.case", case, case=name, failures=failures, values=values)
 
 
 def case_section(found: Regression) -> Section:
