@@ -39,7 +39,8 @@ from insnav.output.folder import FACTS_FILE, RunFolder, read_facts
 from insnav.output.solution_tables import TableFormat, read_events
 from insnav.plain_text import NOT_UTF8
 from insnav.quantity import Quantity, quantity_of
-from insnav.report.page import DataFrame, Figure, FigureSpec, Page, Section, cell, of_table, only_json
+from insnav.report.page import DataFrame, Figure, FigureSpec, Page, Section, cell, only_json
+from insnav.report.tables import of_table
 from insnav.report.terminal import page_text
 from insnav.result import Result
 from insnav.version import __version__

@@ -15,9 +15,10 @@ from insnav.lab.noise.static_noise import KEYS, SignalNoise, StaticNoise
 from insnav.messages import phrase
 from insnav.output.data_files import csv_text
 from insnav.quantity import Quantity, key_suffix
-from insnav.report.page import DataFrame, Page, Section, by_warnings, cell, drawn, of_table, only_json
+from insnav.report.page import DataFrame, Page, Section, by_warnings, cell, drawn, only_json
 from insnav.report.panels import Curve, Panel
 from insnav.report.style import AXIS_COLOURS, GREY
+from insnav.report.tables import of_section, of_table
 from insnav.result import Result
 from insnav.types import FloatArray
 from insnav.units import M_S_PER_SQRT_H, UG, UNITS
@@ -211,13 +212,7 @@ def _filter_figures(found: StaticNoise) -> Section:
         )
         time = sensor.correlation_time if np.isfinite(sensor.correlation_time) else None
         rows.append((Quantity("axis", axis), n, gm, Quantity("correlation_time", time, "s"), *others))
-    return Section(
-        "imu_model",
-        "IMU model for filters and simulations (imu.toml)",
-        rows=tuple(rows),
-        note=f"1 m/s/√h is {M_S_PER_SQRT_H / UG:.0f} µg/√Hz, 1 deg/√h is 60 deg/h/√Hz. Quantisation and rate ramp: "
-        "in simulations only. Use it with insnav run --imu imu.toml.",
-    )
+    return of_section("allan.imu_model", rows, {"density": M_S_PER_SQRT_H / UG})
 
 
 def _columns(found: StaticNoise | SignalNoise) -> list[tuple[str, str]]:

@@ -29,20 +29,10 @@ from insnav.report.budget import windows as recorded
 from insnav.report.budget.quantities import extent, horizontal, ranked, recorded_text, saved, shares, size, source_texts
 from insnav.report.budget.windows import CAUSE_UNITS, GROWS, parts_of
 from insnav.report.outage.page import below_noise, power_lines, spread
-from insnav.report.page import (
-    DataFrame,
-    Light,
-    Page,
-    Section,
-    beside,
-    by_warnings,
-    drawn,
-    of_table,
-    only_json,
-    rows_frame,
-)
+from insnav.report.page import DataFrame, Light, Page, Section, beside, by_warnings, drawn, only_json, rows_frame
 from insnav.report.panels import Curve, Panel, bars, row_panel
 from insnav.report.style import BLACK, BLUE, GREEN, GREY, ORANGE, PURPLE, SKY, VERMILLION, number
+from insnav.report.tables import of_table
 from insnav.report.terminal import page_text
 from insnav.result import Result
 from insnav.units import DEG, DEG_PER_H, G0, UNITS

@@ -14,8 +14,9 @@ from insnav.findings import Code, Finding, Severity, of_code
 from insnav.messages import sentence, word
 from insnav.quantity import Quantity
 from insnav.report.outage.page import corrected, corrected_text
-from insnav.report.page import Section, of_table, one_each, only_json
+from insnav.report.page import Section, one_each, only_json
 from insnav.report.style import number
+from insnav.report.tables import of_table
 from insnav.units import UNITS
 
 CALIBRATED, UNCALIBRATED = "calibrated", "uncalibrated"

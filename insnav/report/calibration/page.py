@@ -20,9 +20,10 @@ from insnav.messages import phrase
 from insnav.quantity import Quantity
 from insnav.report.calibration import methods
 from insnav.report.calibration.methods import Series
-from insnav.report.page import DataFrame, Page, Section, by_warnings, drawn, of_columns, of_table, only_json, rows_frame
+from insnav.report.page import DataFrame, Page, Section, by_warnings, drawn, only_json, rows_frame
 from insnav.report.panels import Curve, Kind, Panel
 from insnav.report.style import AXIS_COLOURS, BLUE, GREY, ORANGE, VERMILLION, number
+from insnav.report.tables import of_columns, of_section, of_table
 from insnav.result import Result
 from insnav.sample_statistics import rms
 from insnav.types import FloatArray
@@ -136,8 +137,7 @@ def _quality(found: PosesCalibration) -> Section:
         for name, series, unit in (("gravity", gravity, "mg"), ("turn", turns, "deg"))
         for how, reduce in (("RMS", rms), ("worst", lambda v: float(np.abs(v).max())))
     )
-    note = "left out: every fifth at a time, by a calibration without them"
-    return Section("", "Errors", rows=rows, note=note)
+    return of_section("calibration.errors", rows)
 
 
 def _poses(found: PosesCalibration) -> Section:
@@ -152,22 +152,21 @@ def _poses(found: PosesCalibration) -> Section:
     share = found.gyro_share
     turns = of_columns("calibration.pose_turn", turn_before=found.turn_before, turn_after=after, turn_share=share)
     rows = tuple((*pose, *turn) for pose, turn in itertools.zip_longest(poses, turns, fillvalue=()))
-    note = "share: of one parameter that this pose or turn determines by itself; all add up to nine parameters"
-    return Section("", "Poses, and the turn from each to the next", rows=rows, note=note)
+    return of_section("calibration.pose", rows)
 
 
 def _turns(found: SixPositions) -> Section:
     scale = np.diag(found.gyro.matrix)
     table = "calibration.turn_in_counts" if found.counts else "calibration.turn"
     rows = of_columns(table, turn=TURNS, before=found.turned, after=found.turned / scale)
-    return Section("", "Turns, as their own gyro measures them", rows=rows)
+    return of_section(table, rows)
 
 
 def _positions(found: SixPositions) -> Section:
     first, last = zip(*(found.sections[name] for name in POSITIONS), strict=True)
     sizes = {"before": found.norm_before, "after": found.norm_after, "left": found.force_after}
     rows = of_columns("calibration.position", position=POSITIONS, first_sample=first, last_sample=last, **sizes)
-    return Section("", "Positions", rows=rows)
+    return of_section("calibration.position", rows)
 
 
 def _triad(key: str, title: str, triad: Triad, counts: bool) -> Section:

@@ -11,9 +11,10 @@ import numpy as np
 from insnav.certificate.certify import Certificate
 from insnav.certificate.integrators import Check
 from insnav.quantity import Quantity
-from insnav.report.page import DataFrame, Page, Section, Verdict, cell, drawn, of_table, only_json, rows_frame
+from insnav.report.page import DataFrame, Page, Section, Verdict, cell, drawn, only_json, rows_frame
 from insnav.report.panels import Curve, Kind, Panel
 from insnav.report.style import BLACK, BLUE, GREY, ORANGE, PURPLE, SKY, VERMILLION
+from insnav.report.tables import of_table
 from insnav.result import Result
 
 _EXCEEDS = "!"  # after an error that exceeds the limit

@@ -12,9 +12,10 @@ from insnav.input.readers.reading import ReadingFacts
 from insnav.messages import At, form, moment, phrase, render, sentence, translated
 from insnav.plain_text import plain_text
 from insnav.quantity import Quantity
-from insnav.report.page import DataFrame, Light, Page, Section, Verdict, drawn, of_table, only_json, rows_frame
+from insnav.report.page import DataFrame, Light, Page, Section, Verdict, drawn, only_json, rows_frame
 from insnav.report.panels import Clock, Curve, bars, row_panel
 from insnav.report.style import BLUE, VERMILLION
+from insnav.report.tables import of_table
 from insnav.report.terminal import brief_text, hanging, page_text
 from insnav.result import Result
 from insnav.session.check import Checked

@@ -16,9 +16,10 @@ from insnav.fleet.batch import DRIVES, FILES, Navigated
 from insnav.messages import form, phrase, render
 from insnav.plain_text import cell_text
 from insnav.quantity import Quantity, quantity_of
-from insnav.report.page import DataFrame, Light, Page, Section, Verdict, of_table, one_each, rows_frame
+from insnav.report.page import DataFrame, Light, Page, Section, Verdict, one_each, rows_frame
 from insnav.report.panels import Curve, Panel
 from insnav.report.style import BLUE, GREEN, VERMILLION
+from insnav.report.tables import of_table
 from insnav.result import Result
 from insnav.types import FloatArray
 

@@ -17,9 +17,10 @@ from insnav.output.folder import RunFolder, read_facts
 from insnav.output.solution_tables import TableFormat, read_run_table, write_events, write_run_table
 from insnav.quantity import Quantity
 from insnav.report import page as layout
-from insnav.report.page import DataFrame, Light, Page, Section, Verdict, of_table
+from insnav.report.page import DataFrame, Light, Page, Section, Verdict
 from insnav.report.panels import Clock, Curve, Panel
 from insnav.report.style import BLACK, BLUE, GREY, VERMILLION, number
+from insnav.report.tables import of_table
 from insnav.result import Result
 from insnav.sample_statistics import rms
 from insnav.types import FloatArray

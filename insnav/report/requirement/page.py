@@ -12,9 +12,10 @@ from insnav.errors.requirement.allocation import STEEP, TAU, Share
 from insnav.errors.requirement.study import FIELD_FACTOR, LIMITS, NINE_POSITION, Candidate, RequirementStudy
 from insnav.findings import Code, Finding
 from insnav.quantity import Quantity
-from insnav.report.page import DataFrame, Page, Section, Verdict, by_warnings, drawn, of_table, only_json, rows_frame
+from insnav.report.page import DataFrame, Page, Section, Verdict, by_warnings, drawn, only_json, rows_frame
 from insnav.report.panels import Curve, Panel, bars, row_panel
 from insnav.report.style import BLACK, BLUE, GREEN, GREY, ORANGE, PURPLE, SKY, VERMILLION, number
+from insnav.report.tables import of_section, of_table
 from insnav.result import Result
 from insnav.types import FloatArray
 from insnav.units import UNITS, shown_unit
@@ -160,12 +161,11 @@ def _example(study: RequirementStudy) -> tuple[Section, ...]:
         (Quantity("source", name, meaning="error when GPS ends"), Quantity("share", value, "%"))
         for name, value in sorted(study.shares.items(), key=lambda item: -item[1])
     )
-    title = f"Errors at the end of GPS, {study.example}: Shapley effects"
-    note = "share of the variance with correlations shared fairly (Owen 2014; Song, Nelson and Staum 2016)"
+    imu = {"imu": study.example}
     return (
-        Section("remedies", f"Measures that help {study.example}", rows=helps),
-        Section("elasticity", f"Effect of each figure of {study.example}", rows=halves, show="page", folded=True),
-        Section("shapley", title, rows=shares, show="page", folded=True, note=note),
+        of_section("requirement.remedy", helps, imu),
+        of_section("requirement.elasticity", halves, imu, show="page", folded=True),
+        of_section("requirement.shapley", shares, imu, show="page", folded=True),
     )
 
 

@@ -14,9 +14,10 @@ from insnav.errors.reference_check import ReferenceOffset
 from insnav.filter.noise_estimate import NoiseEstimate
 from insnav.findings import Code, of_code
 from insnav.quantity import Quantity, quantity_of
-from insnav.report.page import Section, drawn, of_table, one_each, only_json
+from insnav.report.page import Section, drawn, one_each, only_json
 from insnav.report.panels import Curve, Panel
 from insnav.report.style import BLACK, BLUE, GREY, ORANGE, VERMILLION
+from insnav.report.tables import of_table
 from insnav.sample_statistics import rms, rms_length
 from insnav.types import Alignment, BoolArray, FloatArray, Run, SensorErrors, Trajectory
 

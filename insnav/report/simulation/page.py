@@ -25,11 +25,12 @@ from insnav.messages import sentence
 from insnav.output.data_files import write_data, write_table
 from insnav.output.folder import RunFolder
 from insnav.quantity import Quantity, key_suffix
-from insnav.report.page import Light, Page, Section, Verdict, beside, drawn, of_table, only_json
+from insnav.report.page import Light, Page, Section, Verdict, beside, drawn, only_json
 from insnav.report.panels import Clock, Curve, Panel, Shade, Track, broken_at_gaps, over_time, wrapped
 from insnav.report.run.panels import GROUPS as ERRORS
 from insnav.report.save import imu_model, json_ready, section_facts, versions, write_page
 from insnav.report.style import AXIS_COLOURS, BLUE, GREEN, GREY, ORANGE, VERMILLION, number
+from insnav.report.tables import of_table
 from insnav.report.terminal import entry
 from insnav.session.simulation import IDEAL, Plan
 from insnav.simulate.montecarlo import Runs

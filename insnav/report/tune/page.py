@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from insnav.fleet.tuning import Tuned
 from insnav.imu.imu_file import to_toml
-from insnav.report.page import DataFrame, Page, of_table, rows_frame
+from insnav.report.page import DataFrame, Page, rows_frame
 from insnav.report.run.quantities import noise_section
+from insnav.report.tables import of_table
 from insnav.result import Result
 from insnav.units import UNITS
 
