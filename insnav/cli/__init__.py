@@ -18,7 +18,7 @@ from typer.main import get_command
 from insnav.cli import console
 from insnav.cli.console import discard_output, error_block, result
 from insnav.cli.help import GroupedCommand, LightGroup, help_of
-from insnav.cli.options import usage_error
+from insnav.cli.options import declared, usage_error
 from insnav.exceptions import ConfigError, InputError, InsnavError
 from insnav.messages import translated
 from insnav.plain_text import in_columns
@@ -52,7 +52,7 @@ def commands(*names: str) -> Any:
     for name in chosen or COMMANDS:
         about = vars(import_module(f"insnav.cli.{_FILES.get(name, name)}"))
         how = {"cls": GroupedCommand, "context_settings": about.get("SETTINGS"), **help_of(name)}
-        app.command(name, **how)(about[name])
+        app.command(name, **how)(declared(about[name], name))
     if not chosen:
         from insnav.cli import bench
 

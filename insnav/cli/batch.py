@@ -7,14 +7,14 @@ import io
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
 import typer
 
 from insnav.cli import console
 from insnav.cli.console import Stages, Stopped, note, quiet_figures, result_page
 from insnav.cli.data_options import check_usable
-from insnav.cli.options import RESULT, Engine, Json, Out, argument, flag, usage_error
+from insnav.cli.options import usage_error
 from insnav.exceptions import ConfigError, InsnavError, OutputError
 
 if TYPE_CHECKING:
@@ -27,11 +27,11 @@ _COLUMNS = ("drive", "vehicle", "result", "horizontal_error", "horizontal_sd", "
 
 def batch(
     context: typer.Context,
-    drives: Annotated[Path, argument("DRIVES", "Folder of recordings, or drives.toml.")],
-    out: Out = Path("fleet"),
-    again: Annotated[bool, flag(RESULT, "--again", "Navigate finished drives again, too.")] = False,
-    engine: Engine = "processes",
-    as_json: Json = False,
+    drives: Path,
+    out: Path = Path("fleet"),
+    again: bool = False,
+    engine: str = "processes",
+    as_json: bool = False,
 ) -> None:
     """Navigate many drives."""
     if str(drives).startswith("-"):

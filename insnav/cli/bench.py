@@ -7,7 +7,7 @@ import json
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal, cast
+from typing import TYPE_CHECKING, Any, Literal, cast
 
 import typer
 
@@ -15,7 +15,6 @@ from insnav.cli import options as common
 from insnav.cli.console import note, note_warnings, result, result_page, summary_text, working, write_result
 from insnav.cli.data_options import READING, Data, say_reading, takes_data
 from insnav.cli.help import GroupedCommand, LightGroup, help_of
-from insnav.cli.options import IMU, METHOD, RESULT, START, Columns, Force, Json, Out, argument, flag, option
 from insnav.exceptions import ConfigError
 from insnav.steps.inputs import Inputs
 from insnav.units import DEG, DEG_PER_H, UG
@@ -27,22 +26,16 @@ if TYPE_CHECKING:
 
 
 def acceptance(
-    rates: Annotated[
-        list[Path] | None, option(common.FILES, "FILE", "Rate table of the gyros; may be given again.")
-    ] = None,
-    positions: Annotated[
-        list[Path] | None, option(common.FILES, "FILE", "Positions of the accelerometers in gravity; again too.")
-    ] = None,
-    static: Annotated[Path | None, option(common.FILES, "FILE", "Record at rest.")] = None,
-    powerups: Annotated[
-        list[Path] | None, option(common.FILES, "FILE", "Outputs at +w and -w after each power-up.")
-    ] = None,
-    columns: Columns = None,
-    lengths: Annotated[str, option(METHOD, "S,S,…", "Averaging times of the bias stability, s.")] = "1,10,100",
-    spike_limit: common.SpikeLimit = None,
-    out: Out = Path("acceptance"),
-    force: Force = False,
-    as_json: Json = False,
+    rates: list[Path] | None = None,
+    positions: list[Path] | None = None,
+    static: Path | None = None,
+    powerups: list[Path] | None = None,
+    columns: str | None = None,
+    lengths: str = "1,10,100",
+    spike_limit: float | None = None,
+    out: Path = Path("acceptance"),
+    force: bool = False,
+    as_json: bool = False,
 ) -> None:
     """Compute acceptance figures."""
     times = common.positive_numbers(lengths, "--lengths", "1,10,100")
@@ -61,14 +54,14 @@ def acceptance(
 @takes_data(files={}, only=("calibration", *READING, "topic"))
 def allan(
     data: Data,
-    static: Annotated[str | None, option(START, "FROM:TO", "Part to use, s. [all]")] = None,
-    column: Annotated[str | None, option(IMU, "HEADER", "Analyse this column alone, in its own unit.")] = None,
-    rate: Annotated[float | None, option(IMU, "HZ", "Sampling rate of a file without times.", min=1e-6)] = None,
-    taus: Annotated[str, option(START, "S,S,…", "Averaging times, s; log (about 90), octave.")] = "log",
-    workers: Annotated[int | None, option(RESULT, "N", "Threads. [processors]", min=1)] = None,
-    out: Out = Path("allan"),
-    force: Force = False,
-    as_json: Json = False,
+    static: str | None = None,
+    column: str | None = None,
+    rate: float | None = None,
+    taus: str = "log",
+    workers: int | None = None,
+    out: Path = Path("allan"),
+    force: bool = False,
+    as_json: bool = False,
 ) -> None:
     """Analyse the noise of a static record."""
     wanted: Any = taus if taus in ("log", "octave") else common.positive_numbers(taus, "--taus", "0.1,1,10")
@@ -95,15 +88,11 @@ def allan(
 
 
 OUT = Path("calibration")
-Gravity = Annotated[float, option(METHOD, "M/S2", "Local gravity.")]
-Name = Annotated[str, option(RESULT, "TEXT", "Name of the calibrated sensor.")]
-Add = Annotated[
-    Path | None, option(RESULT, "FILE", "A calibration.toml with the other triad, to copy into the new file.")
-]
 _KEYWORD = inspect.Parameter.KEYWORD_ONLY
 _KINDS: tuple[tuple[str, Any, Any], ...] = (
-    *(("columns", Columns, None), ("gravity", Gravity, 9.80665), ("spike_limit", common.SpikeLimit, None)),
-    *(("add", Add, None), ("name", Name, ""), ("out", Out, OUT), ("force", Force, False), ("as_json", Json, False)),
+    *(("columns", str | None, None), ("gravity", float, 9.80665), ("spike_limit", float | None, None)),
+    *(("add", Path | None, None), ("name", str, ""), ("out", Path, OUT), ("force", bool, False)),
+    ("as_json", bool, False),
 )
 _SHARED = {name: inspect.Parameter(name, _KEYWORD, default=value, annotation=kind) for name, kind, value in _KINDS}
 
@@ -127,46 +116,33 @@ def _command(method: str, *shared: str) -> Callable[[Callable[..., None]], Calla
             shown = [_SHARED[name] for name in (*shared, "out", "force", "as_json")]
             every = [first, *shown[:-3], *rest, *shown[-3:]]
             function.__dict__["__signature__"] = inspect.Signature(every)
-            function.__annotations__ = {each.name: each.annotation for each in every}
-        return app.command(method, cls=GroupedCommand, **help_of(f"calibrate/{method}"))(function)
+        name = f"calibrate/{method}"
+        return app.command(method, cls=GroupedCommand, **help_of(name))(common.declared(function, name))
 
     return decorate
 
 
 @_command("gyro", "columns", "spike_limit", "add", "name")
-def gyro(
-    files: Annotated[list[Path], argument("FILE", "Rate table of x, y, z, or one.")],
-    keep: Annotated[
-        str | None, option(METHOD, "FROM:TO", "Rates to use, deg/s. [all that are linear]", "--range")
-    ] = None,
-    **how: Any,
-) -> None:
+def gyro(files: list[Path], keep: str | None = None, **how: Any) -> None:
     """Calibrate gyros on a rate table."""
     _calibrate("gyro", {"files": files, "keep": common.span(keep, "--range") if keep else None, **how})
 
 
 @_command("accel", "columns", "gravity", "spike_limit", "add", "name")
-def accel(files: Annotated[list[Path], argument("FILE", "Tumble test of x, y, z, or one.")], **how: Any) -> None:
+def accel(files: list[Path], **how: Any) -> None:
     """Calibrate accelerometers by tumbling."""
     _calibrate("accel", {"files": files, **how})
 
 
 @_command("imu", "columns", "spike_limit", "add", "name")
-def imu(
-    files: Annotated[list[Path], argument("FILE", "Sweeps about x, y, z, or one.")],
-    intercepts: Annotated[
-        str | None,
-        option(METHOD, "PIECE=DEG/S,…", "Intercepts b' set by hand; x2 is the second piece of gyro x.", "--intercept"),
-    ] = None,
-    **how: Any,
-) -> None:
+def imu(files: list[Path], intercepts: str | None = None, **how: Any) -> None:
     """Calibrate three gyros by sweeps."""
     pieces = common.named_numbers(intercepts, "--intercept", "-0.01")
     _calibrate("imu", {"files": files, "intercepts": pieces, **how})
 
 
 @_command("nine", "columns", "gravity", "name")
-def nine(files: Annotated[Path, argument("FILE", "Table of positions.")], **how: Any) -> None:
+def nine(files: Path, **how: Any) -> None:
     """Calibrate dual-axis modules."""
     _calibrate("nine", {"files": files, **how})
 
@@ -175,25 +151,16 @@ def nine(files: Annotated[Path, argument("FILE", "Table of positions.")], **how:
 @takes_data(files={}, only=READING)
 def poses(
     data: Data,
-    method: Annotated[
-        Literal["poses", "six"], option(METHOD, "HOW", "How it was recorded: poses, or six (Ferraris).")
-    ] = "poses",
-    counts: Annotated[bool, flag(METHOD, "--counts", "The file holds raw counts or volts, not SI units.")] = False,
-    gravity: Annotated[float | None, option(METHOD, "M_S2", "Gravity at the bench, m/s^2.")] = None,
-    lat: Annotated[float | None, option(METHOD, "DEG", "Latitude, if gravity is not given.")] = None,
-    height: Annotated[float, option(METHOD, "M", "Height above the ellipsoid.")] = 0.0,
-    sections: Annotated[
-        Path | None,
-        option(
-            METHOD,
-            "FILE",
-            "First and last sample of x_p (x up), x_a (x down), …, x_rot, … for six (JSON or TOML). [found]",
-        ),
-    ] = None,
-    turn: Annotated[float, option(METHOD, "DEG", "Angle of each turn of six.")] = 360.0,
-    out: Out = OUT,
-    force: Force = False,
-    as_json: Json = False,
+    method: Literal["poses", "six"] = "poses",
+    counts: bool = False,
+    gravity: float | None = None,
+    lat: float | None = None,
+    height: float = 0.0,
+    sections: Path | None = None,
+    turn: float = 360.0,
+    out: Path = OUT,
+    force: bool = False,
+    as_json: bool = False,
 ) -> None:
     """Calibrate an IMU in many positions."""
     from math import radians
@@ -216,13 +183,7 @@ def poses(
 
 @_command("rotor", "gravity")
 def rotor(
-    fall: Annotated[Path, argument("FALL", "Heights and times of fall.")],
-    precession: Annotated[Path, argument("PRECESSION", "Periods and rotor rates.")],
-    fall_mass: Annotated[float, option(METHOD, "KG", "Mass of the falling weight.")],
-    radius: Annotated[float, option(METHOD, "M", "Radius the cord is wound on.")],
-    arm: Annotated[float, option(METHOD, "M", "Distance of the weight from the support.")],
-    mass: Annotated[float, option(METHOD, "KG", "Mass of the weight on the arm. [column mass_kg]")] = 0.0,
-    **how: Any,
+    fall: Path, precession: Path, fall_mass: float, radius: float, arm: float, mass: float = 0.0, **how: Any
 ) -> None:
     """Measure a rotor."""
     how |= {"fall_mass": fall_mass, "radius": radius, "arm": arm, "mass": mass}
@@ -250,11 +211,7 @@ def _calibrate(method: str, how: dict[str, Any]) -> None:
 
 
 def drift(
-    file: Annotated[Path, argument("FILE", "Record of the bench.")],
-    columns: Columns = None,
-    out: Out = Path("drift"),
-    force: Force = False,
-    as_json: Json = False,
+    file: Path, columns: str | None = None, out: Path = Path("drift"), force: bool = False, as_json: bool = False
 ) -> None:
     """Study the drift of gyros."""
     with working(out, force) as (folder, stage):
@@ -267,10 +224,7 @@ def drift(
     result_page(where, outcome.page(), out, as_json=as_json, more=("calibration.toml", "rates.csv"))
 
 
-def imus(
-    name: Annotated[str | None, argument("PART", "A part, in any spelling. [all]", IMU)] = None,
-    as_json: Annotated[bool, flag(RESULT, "--json", "Print JSON.")] = False,
-) -> None:
+def imus(name: str | None = None, as_json: bool = False) -> None:
     """List real IMUs, or show one."""
     from insnav.report.save import facts_of
     from insnav.session.bench import imus as listed
@@ -279,58 +233,30 @@ def imus(
     result(json.dumps(facts_of(found), indent=2, ensure_ascii=False) if as_json else summary_text(found))
 
 
-ERRORS = "Errors of the platform"
-
-
 def platform(
-    force_file: Annotated[
-        Path | None,
-        argument("FORCE_FILE", "Specific force: a data file of any supported format, or - for standard input."),
-    ] = None,
-    columns: Annotated[
-        str | None, option(common.FILES, "NAME=HEADER,…", "Names of unrecognised columns: f_east=Fe,time_s=t.")
-    ] = None,
-    axes: Annotated[
-        Literal["ENU", "NED"] | None,
-        option(common.FILES, "AXES", "Axes of columns x, y, z: ENU or NED. [by the names]"),
-    ] = None,
-    sample_rate: Annotated[
-        float | None, option(common.FILES, "HZ", "Samples per second of a file without times.")
-    ] = None,
-    height_input: Annotated[
-        Path | None, option(common.FILES, "FILE", "Heights to damp the vertical channel with: time_s, height_m.")
-    ] = None,
-    ref: Annotated[Path | None, option(common.FILES, "FILE", "Reference to evaluate the integrators against.")] = None,
-    lat: Annotated[float | None, option(START, "DEG", "Latitude, north positive.")] = None,
-    lon: Annotated[float | None, option(START, "DEG", "Longitude, east positive.")] = None,
-    height: Annotated[float, option(START, "M", "Height above the ellipsoid.")] = 0.0,
-    v_east: Annotated[float, option(START, "M/S", "Velocity at the start.")] = 0.0,
-    v_north: Annotated[float, option(START, "M/S", "Velocity at the start.")] = 0.0,
-    v_up: Annotated[float, option(START, "M/S", "Velocity at the start.")] = 0.0,
-    vertical: Annotated[
-        Literal["off", "free", "damped"],
-        option(START, "HOW", "Vertical channel: off, free, or damped by --height-input."),
-    ] = "off",
-    gravity: Annotated[
-        float | None,
-        option(
-            START,
-            "M/S2",
-            "Gravity of this size everywhere, straight down, without a part to the north. [normal gravity]",
-        ),
-    ] = None,
-    integrator: Annotated[
-        Literal["forward", "backward", "mean", "fourth"],
-        option(START, "NAME", "Whose solution is written: forward, backward, mean or fourth; all are compared."),
-    ] = "fourth",
-    misalignment: Annotated[str, option(ERRORS, "N,E,D", "Turn of its axes at the start, deg.")] = "0,0,0",
-    gyro_drift: Annotated[str, option(ERRORS, "N,E,D", "Rate at which it turns away, deg/h.")] = "0,0,0",
-    accel_bias: Annotated[str, option(ERRORS, "N,E,D", "Accelerometer biases, ug.")] = "0,0,0",
-    demo: Annotated[bool, flag(RESULT, "--demo", "Show examples with closed forms instead.")] = False,
-    rate: common.Rate = "10",
-    out: Out = Path("platform"),
-    force: Force = False,
-    as_json: Json = False,
+    force_file: Path | None = None,
+    columns: str | None = None,
+    axes: Literal["ENU", "NED"] | None = None,
+    sample_rate: float | None = None,
+    height_input: Path | None = None,
+    ref: Path | None = None,
+    lat: float | None = None,
+    lon: float | None = None,
+    height: float = 0.0,
+    v_east: float = 0.0,
+    v_north: float = 0.0,
+    v_up: float = 0.0,
+    vertical: Literal["off", "free", "damped"] = "off",
+    gravity: float | None = None,
+    integrator: Literal["forward", "backward", "mean", "fourth"] = "fourth",
+    misalignment: str = "0,0,0",
+    gyro_drift: str = "0,0,0",
+    accel_bias: str = "0,0,0",
+    demo: bool = False,
+    rate: str = "10",
+    out: Path = Path("platform"),
+    force: bool = False,
+    as_json: bool = False,
 ) -> None:
     """Integrate the specific force on a platform."""
     configuration = common.configuration(locals())
@@ -379,13 +305,7 @@ def platform(
     files={"gps": False},
     only=("imu_model", "axes", "units", "lever_arm", "lever_arm_sd", "gps_delay", "gps_height"),
 )
-def tune(
-    data: Data,
-    drives: Annotated[list[Path], argument("DRIVE", "Folders of recordings, or one IMU file.")],
-    out: Out = Path("tune"),
-    force: Force = False,
-    as_json: Json = False,
-) -> None:
+def tune(data: Data, drives: list[Path], out: Path = Path("tune"), force: bool = False, as_json: bool = False) -> None:
     """Estimate the noise of an IMU."""
     with working(out, force) as (folder, stage):
         stage("reading")

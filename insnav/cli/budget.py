@@ -5,77 +5,37 @@ from __future__ import annotations
 import math
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Any, Literal
 
 from insnav.cli import options as common
 from insnav.cli.console import note, result_page, working
 from insnav.cli.data_options import Data, check_usable, takes_data
-from insnav.cli.options import IMU, MOTION, RESULT, Engine, Force, Json, Out, Profile, Seed, flag, option
 from insnav.exceptions import ConfigError
 from insnav.units import UNITS
-
-WINDOWS = "Windows of the recorded drive"
 
 
 @takes_data("DRIVE", optional=True, without=("height",))
 def budget(
     data: Data,
-    uncalibrated: Annotated[
-        bool,
-        flag(
-            WINDOWS,
-            "--uncalibrated",
-            "Also windows with the turn-on errors of the sensors, not corrected by the filter.",
-        ),
-    ] = False,
-    start: Annotated[
-        Literal["forward", "smoothed"],
-        option(
-            WINDOWS, "HOW", "Windows start from the forward filter, or (not independent) from the smoothed solution."
-        ),
-    ] = "forward",
-    first: Annotated[float | None, option(WINDOWS, "S", "Where the first begins, s after the start. [60]")] = None,
-    spacing: Annotated[float | None, option(WINDOWS, "S", "From one to the next. [so that about 60 fit]")] = None,
-    replicas: Annotated[int, option(WINDOWS, "N", "Simulated replicas of the drive.", min=0)] = 20,
-    engine: Engine = "processes",
-    deflection: Annotated[
-        float,
-        option(IMU, "ARCSEC", "Deflection of the vertical (1 sd, each axis) that the gravity model does not have."),
-    ] = 0.0,
-    profile: Profile = None,
-    gravity: Annotated[float | None, option(MOTION, "M/S2", "Gravity of the stationary IMU. [by latitude]")] = None,
-    begin: Annotated[
-        float | None, option(MOTION, "S", "Start, s after the start of the profile. [1 s before departure]")
-    ] = None,
-    times: Annotated[str, option(MOTION, "S,S,…", "Report times, s.")] = "10,20,30,40,50,60",
-    height: Annotated[
-        Literal["free", "held"] | None,
-        option(MOTION, "HOW", "Vertical channel: free, or held (height-constrained). [free up to 300 s, else held]"),
-    ] = None,
-    end: Annotated[
-        str | None,
-        option(
-            RESULT,
-            "N,E,VN,VE|run",
-            "Instead of a budget: tilt, bias or drift that explains these errors at the end of a run, m and m/s. The "
-            "last of --times is the length of the run. run: errors of the folder RUN since its last fix. --ref-sd: sd "
-            "of the reference. [0.1,0.005]",
-        ),
-    ] = None,
-    total: Annotated[
-        Literal["rss", "worst"],
-        option(
-            RESULT,
-            "HOW",
-            "Sum of the sources along each axis: rss, or worst: sizes added as in textbooks, all with the worst sign.",
-            "--sum",
-        ),
-    ] = "rss",
-    runs: Annotated[int, option(RESULT, "N", "Simulate so many runs, and so many of each source.", min=0)] = 0,
-    seed: Seed = 1,
-    out: Out = Path("budget"),
-    force: Force = False,
-    as_json: Json = False,
+    uncalibrated: bool = False,
+    start: Literal["forward", "smoothed"] = "forward",
+    first: float | None = None,
+    spacing: float | None = None,
+    replicas: int = 20,
+    engine: str = "processes",
+    deflection: float = 0.0,
+    profile: str | None = None,
+    gravity: float | None = None,
+    begin: float | None = None,
+    times: str = "10,20,30,40,50,60",
+    height: Literal["free", "held"] | None = None,
+    end: str | None = None,
+    total: Literal["rss", "worst"] = "rss",
+    runs: int = 0,
+    seed: int = 1,
+    out: Path = Path("budget"),
+    force: bool = False,
+    as_json: bool = False,
 ) -> None:
     """Compute a budget."""
     imu = data.inputs.get("imu_model")

@@ -7,14 +7,13 @@ import shlex
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import typer
 
 from insnav.cli import console
 from insnav.cli import options as common
 from insnav.cli.data_options import READING, Data, check_usable, compile_at_first, say_scale, takes_data
-from insnav.cli.options import RESULT, START, Force, Json, Out, argument, flag, option
 from insnav.exceptions import ConfigError
 
 if TYPE_CHECKING:
@@ -22,7 +21,7 @@ if TYPE_CHECKING:
 
 
 @takes_data(without=("logs", "explain", "faults"))
-def align(data: Data, out: Out = Path("alignment"), force: Force = False, as_json: Json = False) -> None:
+def align(data: Data, out: Path = Path("alignment"), force: bool = False, as_json: bool = False) -> None:
     """Align a static record."""
     if data.gps is None and data.inputs.get("lat") is None:
         raise ConfigError("session.no_latitude", where="--lat")
@@ -42,13 +41,7 @@ def align(data: Data, out: Out = Path("alignment"), force: Force = False, as_jso
 
 
 @takes_data(None, only=(*READING, "topic", "time_offset", "lever_arm", "gps_height", "gps_columns"))
-def check(
-    data: Data,
-    files: Annotated[list[Path], argument("FILES", "Files.")],
-    out: Annotated[Path | None, option(RESULT, "FOLDER", "Also write a page and run.json there.")] = None,
-    force: Force = False,
-    as_json: Json = False,
-) -> None:
+def check(data: Data, files: list[Path], out: Path | None = None, force: bool = False, as_json: bool = False) -> None:
     """Examine files."""
     with console.Stages() as stage:
         from insnav.session.check import check as checked
@@ -74,16 +67,11 @@ def check(
 @takes_data(None, files={"ref": True}, only=("ref_lever_arm", "ref_columns"))
 def compare(
     data: Data,
-    runs: Annotated[list[Path], argument("RUN", "Run folders.")],
-    tum: Annotated[
-        Path | None,
-        option(
-            RESULT, "FOLDER", "Also write the compared epochs for evo: a .tum file of each run, and of the reference."
-        ),
-    ] = None,
-    out: Annotated[Path | None, option(RESULT, "FOLDER", "Also write figure and page into this folder.")] = None,
-    force: Force = False,
-    as_json: Json = False,
+    runs: list[Path],
+    tum: Path | None = None,
+    out: Path | None = None,
+    force: bool = False,
+    as_json: bool = False,
 ) -> None:
     """Compare runs."""
     from insnav.output.folder import RunFolder
@@ -111,7 +99,7 @@ def compare(
         console.result(console.shown_page(outcome.page()))
 
 
-def demo(context: typer.Context, out: Out = Path("demo"), force: Force = False) -> None:
+def demo(context: typer.Context, out: Path = Path("demo"), force: bool = False) -> None:
     """Navigate the sample drive."""
     from insnav.cli import commands
     from insnav.library import sample_drive
@@ -128,14 +116,14 @@ def demo(context: typer.Context, out: Out = Path("demo"), force: Force = False) 
 @takes_data(without=("lat", "height"))
 def outage(
     data: Data,
-    aiding: common.Aiding = "auto",
-    lengths: Annotated[str, option(START, "S,S,…", "Lengths of the windows, s.")] = "5,10,15,30,60,120",
-    first: Annotated[float | None, option(START, "S", "First window, s after the start. [60, or less]")] = None,
-    spacing: Annotated[float | None, option(START, "S", "From one window to the next, s. [so that 60 fit]")] = None,
-    engine: common.Engine = "processes",
-    out: Out = Path("outage"),
-    force: Force = False,
-    as_json: Json = False,
+    aiding: Literal["auto", "on", "off"] = "auto",
+    lengths: str = "5,10,15,30,60,120",
+    first: float | None = None,
+    spacing: float | None = None,
+    engine: str = "processes",
+    out: Path = Path("outage"),
+    force: bool = False,
+    as_json: bool = False,
 ) -> None:
     """Simulate outages."""
     wanted = common.positive_numbers(lengths, "--lengths")
@@ -152,13 +140,13 @@ def outage(
 
 
 def report(
-    run: Annotated[Path, argument("RUN", "Folder of a run, outage test or budget.")],
-    figures: Annotated[Literal["png", "svg"], option(RESULT, "FORMAT", "Figures as png or svg.")] = "png",
-    backdrop: common.Backdrop = None,
-    out: Annotated[Path | None, option(RESULT, "FOLDER", "Folder to make; default RUN_report next to RUN.")] = None,
-    force: Force = False,
-    pdf: Annotated[bool, flag(RESULT, "--pdf", "Only a PDF of three pages, RUN.pdf next to the folder.")] = False,
-    as_json: Json = False,
+    run: Path,
+    figures: Literal["png", "svg"] = "png",
+    backdrop: Path | None = None,
+    out: Path | None = None,
+    force: bool = False,
+    pdf: bool = False,
+    as_json: bool = False,
 ) -> None:
     """Draw a run again."""
     from insnav.result import open_result
@@ -192,30 +180,22 @@ def with_backdrop(opened: Result[Any], file: Path | None) -> Result[Any]:
     return replace(opened, found=replace(opened.found, backdrop=read_backdrop(file)))
 
 
-REQUIREMENT = "Requirement"
-
-
 @takes_data("DRIVE", optional=True, without=("lat", "height"))
 def require(
     data: Data,
-    error: Annotated[str, option(REQUIREMENT, "LIMIT", 'Limit of the error, such as "5 m".')],
-    after: Annotated[str, option(REQUIREMENT, "TIME", 'Time without GPS, such as "30 s".')],
-    probability: Annotated[float, option(REQUIREMENT, "P", "Of being within the limit.")] = 0.95,
-    component: Annotated[
-        Literal["horizontal", "vertical", "3d"], option(REQUIREMENT, "WHICH", "Error: horizontal, vertical, 3d.")
-    ] = "horizontal",
-    cost: Annotated[
-        str | None,
-        option(REQUIREMENT, "ERROR=W,…", "Weights of errors in the set: with 8 one gets four times the share. [all 1]"),
-    ] = None,
-    profile: common.Profile = None,
-    begin: Annotated[float | None, option(common.MOTION, "S", "When GPS ends, s after the start. [300]")] = None,
-    runs: Annotated[int, option(RESULT, "N", "Simulated runs that verify the set.", min=0)] = 500,
-    seed: common.Seed = 1,
-    engine: common.Engine = "processes",
-    out: Out = Path("require"),
-    force: Force = False,
-    as_json: Json = False,
+    error: str,
+    after: str,
+    probability: float = 0.95,
+    component: Literal["horizontal", "vertical", "3d"] = "horizontal",
+    cost: str | None = None,
+    profile: str | None = None,
+    begin: float | None = None,
+    runs: int = 500,
+    seed: int = 1,
+    engine: str = "processes",
+    out: Path = Path("require"),
+    force: bool = False,
+    as_json: bool = False,
 ) -> None:
     """Compute a requirement."""
     if data.imu is not None and profile is not None:

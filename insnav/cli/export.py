@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Literal, get_args
+from typing import Literal
 
 from insnav.cli import options as common
 from insnav.cli.console import note, result
-from insnav.cli.options import RESULT, EpochsFile, Force, Point, argument, flag, option
 from insnav.exceptions import OutputError, writing
 
 Kind = Literal["gpx", "kml", "geojson", "tum", "euroc", "pos", "nmea", "sbet", "smrmsg", "bag", "csv", "utm", "ecef"]
@@ -22,18 +21,16 @@ _OWN_NAMES = {
 
 
 def export(
-    run: Annotated[Path, argument("RUN", "Run folder.")],
-    to: Annotated[Kind, option(RESULT, "FORMAT", ", ".join(get_args(Kind)) + ".")],
-    out: Annotated[Path | None, option(RESULT, "FILE", "File to write. [track.FORMAT]")] = None,
-    filtered: Annotated[
-        bool, flag(RESULT, "--filtered", "The filtered solution, even if there is a smoothed one.")
-    ] = False,
-    poses: Annotated[bool, flag(RESULT, "--poses", "The poses of run --epochs or --point.")] = False,
-    rate: Annotated[str, option(RESULT, "HZ", "Rows per second, interpolated, or full: the rows of the run.")] = "full",
-    epochs: EpochsFile = None,
-    point: Point = None,
-    week: Annotated[int | None, option(RESULT, "N", "GPS week. [as the fixes say]", min=0, max=10_000)] = None,
-    force: Force = False,
+    run: Path,
+    to: Kind,
+    out: Path | None = None,
+    filtered: bool = False,
+    poses: bool = False,
+    rate: str = "full",
+    epochs: Path | None = None,
+    point: str | None = None,
+    week: int | None = None,
+    force: bool = False,
 ) -> None:
     """Write a run in another format."""
     import numpy as np

@@ -8,12 +8,11 @@ from collections.abc import Iterator
 from contextlib import nullcontext
 from itertools import pairwise
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
 from insnav.cli import console
 from insnav.cli import options as common
 from insnav.cli.data_options import Data, takes_data
-from insnav.cli.options import GPS, Rate, option
 from insnav.exceptions import ConfigError, InputError, reason_of
 
 if TYPE_CHECKING:
@@ -25,16 +24,7 @@ INPUTS = ["lever_arm", "lever_arm_sd", "gps_delay", "heading", "static", "initia
 
 
 @takes_data("LOG", files={}, only=("imu_model", "axes", "time_offset", *INPUTS))
-def live(
-    data: Data,
-    rate: Rate = "10",
-    correlated: Annotated[
-        str | None,
-        option(
-            GPS, "SHARE,S", "Time-correlated part of position errors: share of the variance, correlation time. [white]"
-        ),
-    ] = None,
-) -> None:
+def live(data: Data, rate: str = "10", correlated: str | None = None) -> None:
     """Run the filter on a log while it is written."""
     from insnav.input.interpret.physics import axes_matrix
     from insnav.input.stream import Stream

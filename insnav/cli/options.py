@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import inspect
 import math
+import tomllib
 from collections.abc import Callable
+from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal, get_origin
 
 import typer
 
@@ -15,27 +18,24 @@ from insnav.library import library
 if TYPE_CHECKING:
     from insnav.types import FloatArray
 
-# groups of the help
-FILES, IMU, GPS, START = "Files", "IMU", "GPS and reference", "Start"
-METHOD, MOTION, RESULT = "Method", "Motion", "Result"
-# values that may name a file in insnav folders, or a profile
-_NAMED = {(IMU, "MODEL"): ("imu/grades", "imu/parts"), (IMU, "PART"): ("imu/parts",), (MOTION, "PROFILE"): ()}
-_NAMED |= {("GPS", "MODEL"): ("simulate/receivers",)}
+FILES = "Files"  # group of the help
+# group and placeholder of values that may name a file in insnav folders, or a profile
+_NAMED: dict[tuple[str, str | None], tuple[str, ...]] = {
+    ("IMU", "MODEL"): ("imu/grades", "imu/parts"),
+    ("IMU", "PART"): ("imu/parts",),
+    ("GPS", "MODEL"): ("simulate/receivers",),
+    ("Motion", "PROFILE"): (),
+}
 
 
-def option(group: str, value: str, meaning: str, *names: str, **more: Any) -> Any:
+def option(group: str, value: str | None, meaning: str, *names: str, **more: Any) -> Any:
     """Declare an option.
 
-    `group`: of the option in the help. `value`: placeholder of its value. `names`: if they differ from the parameter's.
-    `more`: arguments of `typer.Option`.
+    `group`: of the option in the help. `value`: placeholder of its value, None for a flag. `names`: if they differ from
+    the parameter's. `more`: arguments of `typer.Option`.
     """
     named = _named(group, value)
     return typer.Option(*names, metavar=value, help=meaning, rich_help_panel=group, autocompletion=named, **more)
-
-
-def flag(group: str, name: str, meaning: str, **more: Any) -> Any:
-    """Declare an option without a value."""
-    return typer.Option(name, help=meaning, rich_help_panel=group, **more)
 
 
 def argument(value: str, meaning: str, group: str = FILES) -> Any:
@@ -44,7 +44,7 @@ def argument(value: str, meaning: str, group: str = FILES) -> Any:
     return typer.Argument(metavar=value, help=meaning, rich_help_panel=group, autocompletion=named)
 
 
-def _named(group: str, value: str) -> Callable[[str], list[str]] | None:
+def _named(group: str, value: str | None) -> Callable[[str], list[str]] | None:
     """Return the completion of library names, if applicable; the shell completes files itself."""
     if (folders := _NAMED.get((group, value))) is None:
         return None
@@ -64,18 +64,6 @@ def _engine(text: str) -> str:
     return text
 
 
-Engine = Annotated[
-    str,
-    option(
-        RESULT,
-        "WHERE",
-        "Where to compute: processes (one a processor), processes:N, dask (local workers), dask:ADDRESS of a "
-        "scheduler.",
-        callback=_engine,
-    ),
-]
-
-
 def _force(context: typer.Context, value: bool) -> bool | Literal["keep"]:
     """Keep an existing result of the default folder without --force; see `insnav.output.folder.RunFolder`."""
     source = context.get_parameter_source("out")
@@ -83,45 +71,37 @@ def _force(context: typer.Context, value: bool) -> bool | Literal["keep"]:
     return value or ("keep" if default else False)
 
 
-Out = Annotated[
-    Path, option(RESULT, "FOLDER", "Folder to make. An earlier result in the default folder is kept as FOLDER~1.")
-]
-Force = Annotated[bool, flag(RESULT, "--force", "Replace an existing result of insnav.", callback=_force)]
-Json = Annotated[bool, flag(RESULT, "--json", "Print run.json instead of a summary.")]
-Columns = Annotated[str | None, option(FILES, "NAME=HEADER,…", "Headers that are not understood by themselves.")]
-SpikeLimit = Annotated[
-    float | None,
-    option(
-        METHOD,
-        "X",
-        "Samples of a dwell further than this from a polynomial through it are dropped, in the unit of the output. "
-        "[0.005 V; other units: none dropped]",
-    ),
-]
-Rate = Annotated[str, option(RESULT, "HZ", "Rows per second of the solution, or full.")]
-EpochsFile = Annotated[
-    Path | None,
-    option(RESULT, "FILE", "Epochs of the poses, such as camera triggers: seconds in the first column of a text."),
-]
-Point = Annotated[
-    str | None, option(RESULT, "F,R,D", "Point of the poses: forward, right, down of the IMU, m. [the IMU]")
-]
-Seed = Annotated[int, option(RESULT, "N", "Random seed.", min=0)]
-Backdrop = Annotated[
-    Path | None, option(RESULT, "FILE", "Lines behind the track of the page: GeoJSON, such as streets.")
-]
-Profile = Annotated[
-    str | None, option(MOTION, "PROFILE", "Motion: name of a profile (insnav simulate --list), or a .toml. [at rest]")
-]
-Aiding = Annotated[
-    Literal["auto", "on", "off"],
-    option(
-        GPS,
-        "WHEN",
-        "Other aiding (non-holonomic constraint, odometer, ZUPT), as far as the data support it: auto (run: where "
-        "GPS has gaps; outage: always), on, off.",
-    ),
-]
+_CALLBACKS: dict[str, Callable[..., Any]] = {"engine": _engine, "force": _force}
+
+
+@cache
+def _texts() -> dict[str, dict[str, dict[str, Any]]]:
+    return tomllib.loads(Path(__file__).with_name("options.toml").read_text(encoding="utf-8"))
+
+
+def declared(function: Callable[..., None], command: str) -> Callable[..., None]:
+    """Declare the parameters of a command as in ``options.toml``; typer reads the signature.
+
+    `command`: such as ``run`` or ``calibrate/gyro``; its group and all commands share texts.
+    """
+    tables = [_texts().get(name, {}) for name in (command, command.partition("/")[0], "shared")]
+    annotated: Any = Annotated  # with a type that is known only here
+    parameters = []
+    for each in inspect.signature(function, eval_str=True).parameters.values():
+        how = next((table[each.name] for table in tables if each.name in table), None)
+        if how is not None and get_origin(each.annotation) is not Annotated:
+            each = each.replace(annotation=annotated[each.annotation, _declaration(each.name, **how)])
+        parameters.append(each)
+    function.__dict__["__signature__"] = inspect.Signature(parameters)
+    function.__annotations__ = {each.name: each.annotation for each in parameters}
+    return function
+
+
+def _declaration(parameter: str, help: str, group: str, value: str | None = None, **how: Any) -> Any:
+    if how.pop("argument", False):
+        return argument(value or "", help, group)
+    names = (how.pop("name"),) if "name" in how else ()
+    return option(group, value, help, *names, callback=_CALLBACKS.get(parameter), **how)
 
 
 def _numbers(text: str, separator: str, count: int, option: str, example: str) -> list[float]:

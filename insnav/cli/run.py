@@ -3,55 +3,33 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Literal
 
 from insnav.cli import console
 from insnav.cli import options as common
 from insnav.cli.console import working
 from insnav.cli.data_options import Data, check_usable, takes_data
 from insnav.cli.drives import with_backdrop
-from insnav.cli.options import RESULT, START, Aiding, Backdrop, EpochsFile, Force, Json, Out, Point, Rate, flag, option
 from insnav.exceptions import CheckError, ConfigError
 
 
 @takes_data(without=("lat", "height"))
 def run(
     data: Data,
-    states: Annotated[int, option(START, "N", "Filter states: 21, or 15 without scale factor errors.")] = 21,
-    aiding: Aiding = "auto",
-    mechanization: Annotated[
-        Literal["full", "short"],
-        option(
-            RESULT,
-            "FORM",
-            "full or short. short: also compare the short-duration form (no Earth and transport rate, Euler) with the "
-            "full one in windows of 60 s. The filter uses the full one.",
-        ),
-    ] = "full",
-    smooth: Annotated[
-        bool,
-        flag(
-            RESULT, "--smooth/--no-smooth", "Also give the smoothed (RTS) solution, from all fixes, earlier and later."
-        ),
-    ] = True,
-    out: Out = Path("run"),
-    force: Force = False,
-    rate: Rate = "10",
-    epochs: EpochsFile = None,
-    point: Point = None,
-    format: Annotated[Literal["csv", "parquet"], option(RESULT, "FORMAT", "Tables as csv or parquet.")] = "csv",
-    figures: Annotated[
-        Literal["page", "png", "svg", "none"],
-        option(
-            RESULT, "FORMAT", "page: the interactive page alone; png or svg: also figures for papers; none: neither."
-        ),
-    ] = "page",
-    backdrop: Backdrop = None,
-    fail_above: Annotated[
-        float | None,
-        option(RESULT, "METRES", "End with exit code 1 if the horizontal RMS error against --ref is larger."),
-    ] = None,
-    as_json: Json = False,
+    states: int = 21,
+    aiding: Literal["auto", "on", "off"] = "auto",
+    mechanization: Literal["full", "short"] = "full",
+    smooth: bool = True,
+    out: Path = Path("run"),
+    force: bool = False,
+    rate: str = "10",
+    epochs: Path | None = None,
+    point: str | None = None,
+    format: Literal["csv", "parquet"] = "csv",
+    figures: Literal["page", "png", "svg", "none"] = "page",
+    backdrop: Path | None = None,
+    fail_above: float | None = None,
+    as_json: bool = False,
 ) -> None:
     """Navigate a recorded drive."""
     interval = common.interval(rate)

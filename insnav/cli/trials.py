@@ -5,14 +5,13 @@ from __future__ import annotations
 import json
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import typer
 
 from insnav.cli import options as common
 from insnav.cli.console import Stages, note, quiet_figures, result, result_page, working, write_result
 from insnav.cli.data_options import say_reading
-from insnav.cli.options import FILES, IMU, MOTION, RESULT, START, Engine, Force, Json, Out, Seed, argument, flag, option
 from insnav.exceptions import ConfigError
 
 if TYPE_CHECKING:
@@ -22,24 +21,15 @@ if TYPE_CHECKING:
 
 
 def regress(
-    corpus: Annotated[Path | None, option(FILES, "FILE", "The drives. [trajectories/corpus.toml of insnav]")] = None,
-    data: Annotated[Path | None, option(FILES, "FOLDER", "Recorded drives. [shared/data next to the project]")] = None,
-    quick: Annotated[bool, flag(START, "--quick", "Only some cases.")] = False,
-    engine: Engine = "processes",
-    power: Annotated[
-        bool,
-        flag(
-            RESULT,
-            "--power",
-            "Run nothing: the smallest change that each figure of the baseline can show with 80 % power.",
-        ),
-    ] = False,
-    update_baseline: Annotated[bool, flag(RESULT, "--update-baseline", "Make this version the baseline.")] = False,
-    plot: Annotated[bool, flag(RESULT, "--plot", "Draw plots, accuracy.html and accuracy.md.")] = False,
-    out: Annotated[
-        Path | None, option(RESULT, "FOLDER", "Folder of baseline and reports. [reports next to the corpus' folder]")
-    ] = None,
-    as_json: Json = False,
+    corpus: Path | None = None,
+    data: Path | None = None,
+    quick: bool = False,
+    engine: str = "processes",
+    power: bool = False,
+    update_baseline: bool = False,
+    plot: bool = False,
+    out: Path | None = None,
+    as_json: bool = False,
 ) -> None:
     """Compare with the baseline."""
     from insnav.regression.baseline import BASELINE_FILE, renewed, write_baseline
@@ -91,49 +81,25 @@ def _power(folder: Path, as_json: bool) -> None:
     result(json.dumps(facts, indent=1, ensure_ascii=False) if as_json else "\n".join(power_lines(baseline)))
 
 
-RUNS = "Many runs"
-
-
 def simulate(
-    profile: Annotated[
-        str | None, argument("PROFILE", "Name of a motion profile (see --list), or a .toml.", MOTION)
-    ] = None,
-    source: Annotated[
-        Path | None, option(MOTION, "TRACK", "Run folder or reference file to make a simulated replica of.", "--from")
-    ] = None,
-    listed: Annotated[bool, flag(MOTION, "--list", "Show the profiles there are; with --out, draw them.")] = False,
-    imu: Annotated[
-        str,
-        option(
-            IMU,
-            "MODEL",
-            "IMU error specification: consumer, automotive, industrial, tactical, navigation, ideal, or an imu.toml.",
-        ),
-    ] = "consumer",
-    rate: Annotated[float, option(IMU, "HZ", "Samples per second.")] = 100.0,
-    sampling: Annotated[
-        Literal["instant", "mean", "increment"], option(IMU, "HOW", "Meaning of a sample: mean, instant, increment.")
-    ] = "mean",
-    temperature: Annotated[
-        str | None, option(IMU, "FROM:TO", "Temperature of the IMU, from start to end, deg C.")
-    ] = None,
-    gps: Annotated[
-        str,
-        option("GPS", "MODEL", "Receiver error specification: a preset such as single or rtk, ideal, or a gps.toml."),
-    ] = "single",
-    fault: Annotated[list[str] | None, option("Faults", "FAULT", "Something that goes wrong; repeatable.")] = None,
-    gravity: Annotated[
-        Literal["full", "plumb", "linear"],
-        option(MOTION, "HOW", "full; plumb: without its north component; linear: as in packages to compare with."),
-    ] = "full",
-    seed: Seed = 1,
-    out: Annotated[Path | None, option(RESULT, "FOLDER", "Folder to make. [sim]")] = None,
-    force: Force = False,
-    as_json: Json = False,
-    runs: Annotated[int | None, option(RUNS, "N", "Simulate and navigate so many.", min=1)] = None,
-    run: Annotated[int | None, option(RUNS, "N", "Write the files of run N of --runs.", min=1)] = None,
-    engine: Engine = "processes",
-    resume: Annotated[bool, flag(RUNS, "--resume", "Go on with a series that was stopped.")] = False,
+    profile: str | None = None,
+    source: Path | None = None,
+    listed: bool = False,
+    imu: str = "consumer",
+    rate: float = 100.0,
+    sampling: Literal["instant", "mean", "increment"] = "mean",
+    temperature: str | None = None,
+    gps: str = "single",
+    fault: list[str] | None = None,
+    gravity: Literal["full", "plumb", "linear"] = "full",
+    seed: int = 1,
+    out: Path | None = None,
+    force: bool = False,
+    as_json: bool = False,
+    runs: int | None = None,
+    run: int | None = None,
+    engine: str = "processes",
+    resume: bool = False,
 ) -> None:
     """Simulate."""
     if listed:
@@ -258,12 +224,12 @@ def _list(out: Path | None, force: bool, as_json: bool) -> None:
 
 
 def verify(
-    peer: Annotated[bool, flag(START, "--peer", "Compare with python-ins, if it is installed.")] = False,
-    faults: Annotated[bool, flag(START, "--faults", "Print the fault matrix instead.")] = False,
-    out: Out = Path("certificate"),
-    force: Force = False,
-    as_json: Json = False,
-    markdown: Annotated[bool, flag(RESULT, "--markdown", "Print one Markdown table instead.")] = False,
+    peer: bool = False,
+    faults: bool = False,
+    out: Path = Path("certificate"),
+    force: bool = False,
+    as_json: bool = False,
+    markdown: bool = False,
 ) -> None:
     """Certify."""
     if as_json and markdown:

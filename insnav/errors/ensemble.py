@@ -153,10 +153,7 @@ class Ensemble:
 
 
 def ensemble(runs: Runs, truth: Truth) -> Ensemble:
-    """Combine the sums of `reduced` over the runs.
-
-    Raises: InputError: every run failed.
-    """
+    """Combine the sums of `reduced` over the runs. Raises: InputError: every run failed."""
     if len(runs.number) == 0:
         first = runs.failures[0]
         where, count = f"run {first.number}, seed {first.seed}", len(runs.failures)

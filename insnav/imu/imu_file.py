@@ -205,10 +205,7 @@ def _sensor(name: Sensor, table: _Sensor | None, absent: list[str]) -> SensorSpe
 
 
 def to_toml(spec: ImuSpec) -> str:
-    """Write an IMU file.
-
-    Returns: text that `load_imu` reads as the same values within a relative 1e-14.
-    """
+    """Write an IMU file. Returns: text that `load_imu` reads as the same values within a relative 1e-14."""
     content: dict[str, Any] = {"name": spec.name} | ({"source": spec.source} if spec.source else {})
     sensors: tuple[tuple[Sensor, SensorSpec], ...] = (("gyro", spec.gyro), ("accel", spec.accel))
     for name, sensor in sensors:
@@ -367,10 +364,7 @@ def _terms(sensor: Sensor, table: Table) -> ErrorTerms | None:
 
 
 def calibration_to_toml(errors: ImuErrors) -> str:
-    """Write a calibration file.
-
-    Returns: text that `load_calibration` reads as exactly the same values.
-    """
+    """Write a calibration file. Returns: text that `load_calibration` reads as exactly the same values."""
     content: dict[str, Any] = {"name": errors.name, "date": errors.date, "temperature_c": errors.temperature}
     content = {key: value for key, value in content.items() if value not in ("", None)}
     units: tuple[tuple[Sensor, str, str], ...] = (("gyro", "rad/s", "rad_s"), ("accel", "m/s^2", "m_s2"))

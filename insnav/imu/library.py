@@ -153,10 +153,7 @@ def close_names(name: str) -> tuple[str, ...]:
 
 @functools.cache
 def read_part(path: Path) -> Part:
-    """Read the file of a part.
-
-    Raises: ConfigError: invalid file, or a figure with unknown key, unit or document.
-    """
+    """Read the file of a part. Raises: ConfigError: invalid file, or a figure with unknown key, unit or document."""
     file = validate(_File, read_toml(path), str(path))
     for figure in file.figures:
         if figure.key not in _DIMENSIONS or figure.document not in file.documents:

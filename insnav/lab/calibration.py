@@ -194,10 +194,7 @@ class BenchInputs(TypedDict, total=False):
 
 @dataclass(frozen=True, slots=True)
 class BenchOptions:
-    """Options of the calibration methods; each method uses its own.
-
-    Raises: ConfigError: an invalid value.
-    """
+    """Options of the calibration methods; each method uses its own. Raises: ConfigError: an invalid value."""
 
     columns: Mapping[str, str] | None = None  # quantity to header, for headers that are not understood by themselves
     # largest distance of samples from a polynomial through their dwell, in the unit of the output; default 0.005 V, no
@@ -311,10 +308,7 @@ class Method(Protocol[R, D]):
 
 
 def method_named(name: str) -> Method[Any, Any]:
-    """Find a calibration method.
-
-    Raises: ConfigError: there is none of this name.
-    """
+    """Find a calibration method. Raises: ConfigError: there is none of this name."""
     if name not in METHODS:
         raise ConfigError("lab.no_method", method=name, known=tuple(METHODS))
     return cast("Method[Any, Any]", import_module(f"insnav.lab.{METHODS[name]}"))
@@ -359,10 +353,7 @@ def fitted(fit: Fit, units: Sequence[str], sensor: str = "") -> tuple[Quantity, 
 
 
 def common_unit(units: Sequence[tuple[str, str]]) -> str:
-    """Unit that all outputs share, of pairs of a name and a unit.
-
-    Raises: InputError: they differ.
-    """
+    """Unit that all outputs share, of pairs of a name and a unit. Raises: InputError: they differ."""
     if len({unit for _, unit in units}) > 1:
         raise InputError("lab.mixed_units", units=tuple(dict.fromkeys(f"{name}: {unit}" for name, unit in units)))
     return units[0][1]

@@ -70,10 +70,7 @@ class DriftModel:
 
 
 def drift_model(record: DriftRecord, axis: str) -> DriftModel:
-    """Fit the drift of one gyro.
-
-    `axis`: letter of the gyro. Raises: InputError: fewer than 100 samples.
-    """
+    """Fit the drift of one gyro. `axis`: letter of the gyro. Raises: InputError: fewer than 100 samples."""
     if record.time.size < FEWEST:
         raise InputError("lab.drift_short", where=record.name, count=record.time.size, limit=FEWEST)
     columns = [np.ones(record.time.size)]

@@ -173,10 +173,7 @@ def store(result: object, file: Path) -> None:
 
 
 def read_stored(folder: Path, name: str = FILE) -> Any:
-    """Read a result from its folder.
-
-    Raises: InputError: the file is missing, damaged, or of another version.
-    """
+    """Read a result from its folder. Raises: InputError: the file is missing, damaged, or of another version."""
     file = folder / name
     try:
         with file.open("rb") as stream, np.load(stream, allow_pickle=False) as content:

@@ -27,10 +27,7 @@ FACTS_FILE = "run.json"
 
 
 def read_facts(folder: Path) -> dict[str, Any]:
-    """Read the ``run.json`` of a run folder.
-
-    Raises: InputError: not a run folder, or ``run.json`` is damaged.
-    """
+    """Read the ``run.json`` of a run folder. Raises: InputError: not a run folder, or ``run.json`` is damaged."""
     path = folder / FACTS_FILE
     try:
         facts = json.loads(path.read_text(encoding="utf-8"))
@@ -44,10 +41,7 @@ def read_facts(folder: Path) -> dict[str, Any]:
 
 
 def damage(folder: Path) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """List the missing and the changed files of a run folder.
-
-    Raises: InputError: not a run folder.
-    """
+    """List the missing and the changed files of a run folder. Raises: InputError: not a run folder."""
     listed, found = read_facts(folder)["files"], files_in(folder)
     changed = (
         name

@@ -155,10 +155,7 @@ class Track:
         return np.asarray(since - since[0] // 604800.0 * 604800.0)
 
     def instants(self, of: str) -> NDArray[np.datetime64]:
-        """Return instants in ``utc`` or ``gps``.
-
-        Raises: ConfigError: the date is unknown.
-        """
+        """Return instants in ``utc`` or ``gps``. Raises: ConfigError: the date is unknown."""
         found: NDArray[np.datetime64] | None = getattr(self, of)
         if found is None:
             raise ConfigError("output.no_date", where="--week", begin_s=float(self.trajectory.time[0]))

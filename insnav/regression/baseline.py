@@ -91,10 +91,7 @@ def renewed(old: Baseline | None, result: Accuracy, origin: Origin) -> Baseline:
 
 
 def read_baseline(path: Path) -> Baseline | None:
-    """Read a baseline.
-
-    Raises: InputError: the file is damaged, or of another format.
-    """
+    """Read a baseline. Raises: InputError: the file is damaged, or of another format."""
     text = kept_text("regress.unreadable_baseline", path)
     if text is None:
         return None
@@ -111,10 +108,7 @@ def read_baseline(path: Path) -> Baseline | None:
 
 
 def kept_text(code: str, path: Path) -> str | None:
-    """Read a file of earlier versions; None if there is none yet.
-
-    Raises: InputError: the file cannot be read.
-    """
+    """Read a file of earlier versions; None if there is none yet. Raises: InputError: the file cannot be read."""
     try:
         return path.read_text(encoding="utf-8")
     except FileNotFoundError:

@@ -156,10 +156,7 @@ def load_corpus(path: Path) -> Corpus:
 
 
 def default_corpus() -> Path:
-    """Find the corpus file of the library of profiles.
-
-    Raises: ConfigError: the file is not present.
-    """
+    """Find the corpus file of the library of profiles. Raises: ConfigError: the file is not present."""
     from insnav.library import library
 
     profiles = library()
@@ -237,10 +234,7 @@ class SimulatedSource:
 
 
 class RecordedSource:
-    """Recorded drive of a case.
-
-    Raises: InputError: a file is missing or cannot be used.
-    """
+    """Recorded drive of a case. Raises: InputError: a file is missing or cannot be used."""
 
     def __init__(self, case: RecordedCase, data: Path) -> None:
         self._case = case

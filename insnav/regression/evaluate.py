@@ -74,10 +74,7 @@ class Metric:
         return logarithm if logarithm > 0.0 else -CAUTION * logarithm
 
     def typical(self, value: FloatArray) -> float:
-        """Compute the geometric mean of known values, the median for CPU time; NaN without values.
-
-        `value` (n,).
-        """
+        """Compute the geometric mean of known values, the median for CPU time; NaN without values. `value` (n,)."""
         known = value[np.isfinite(value)]
         if not known.size:
             return float("nan")
@@ -389,10 +386,7 @@ def run_corpus(
     workers: Workers = 1,
     progress: Callable[[float], None] | None = None,
 ) -> Accuracy:
-    """Navigate all drives.
-
-    Raises: ConfigError: no worker, or a wrong profile or model name in a case.
-    """
+    """Navigate all drives. Raises: ConfigError: no worker, or a wrong profile or model name in a case."""
     skipped: dict[str, Finding] = {}
     jobs: list[tuple[AnyCase, int]] = []
     for case in corpus.cases:

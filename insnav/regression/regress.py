@@ -56,10 +56,7 @@ def entry(result: Accuracy, comparison: Comparison | None, origin: Origin) -> En
 
 
 def read_history(path: Path) -> list[Entry]:
-    """Read all versions, oldest first.
-
-    Raises: InputError: a line is damaged.
-    """
+    """Read all versions, oldest first. Raises: InputError: a line is damaged."""
     found = []
     for row, line in enumerate((kept_text("regress.unreadable_history", path) or "").splitlines(), start=1):
         if not line.strip():
@@ -83,10 +80,7 @@ def with_entry(history: Sequence[Entry], new: Entry) -> list[Entry]:
 
 
 def write_history(path: Path, history: Sequence[Entry]) -> None:
-    """Write all versions, one per line.
-
-    Raises: OutputError: the file cannot be written.
-    """
+    """Write all versions, one per line. Raises: OutputError: the file cannot be written."""
     lines = []
     for each in history:
         content = asdict(each)

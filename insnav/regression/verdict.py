@@ -112,10 +112,7 @@ def detectable_apart(value: FloatArray, metric: Metric, *, pieces: bool, tests: 
 
 
 def interval(value: FloatArray, metric: Metric, *, pieces: bool) -> tuple[float, float, float]:
-    """Compute the typical value of a figure of merit, and its 95 % interval.
-
-    `value` (n,): one per drive or piece.
-    """
+    """Compute the typical value of a figure of merit, and its 95 % interval. `value` (n,): one per drive or piece."""
     known = value[np.isfinite(value)]
     middle = metric.typical(known)
     if len(known) < FEWEST or metric.kind == "cpu":
@@ -129,10 +126,7 @@ def interval(value: FloatArray, metric: Metric, *, pieces: bool) -> tuple[float,
 
 
 def standard_error(value: FloatArray, *, pieces: bool) -> tuple[float, float]:
-    """Compute the standard error of a mean, and its degrees of freedom.
-
-    `value` (n,).
-    """
+    """Compute the standard error of a mean, and its degrees of freedom. `value` (n,)."""
     n = len(value)
     if n < 2:
         return 0.0, 1.0
@@ -153,10 +147,7 @@ def standard_error(value: FloatArray, *, pieces: bool) -> tuple[float, float]:
 
 
 def holm(p: Sequence[float]) -> FloatArray:
-    """Correct p-values for their number.
-
-    Returns: (n,): adjusted p-values, for comparison with the joint level.
-    """
+    """Correct p-values for their number. Returns: (n,): adjusted p-values, for comparison with the joint level."""
     value = np.asarray(p, dtype=np.float64)
     order = np.argsort(value)
     steps = (len(value) - np.arange(len(value))) * value[order]

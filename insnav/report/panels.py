@@ -238,6 +238,11 @@ def bars(
     ]
 
 
+def row_panel(key: str, title: str, label: str, curves: Iterable[Curve], rows: Sequence[str], note: str = "") -> Panel:
+    """Build a panel of bars or points in named rows, as high as they need. `label`: of the horizontal axis."""
+    return Panel(key, title, "", label, tuple(curves), note=note, rows=tuple(rows), height=80 + 24 * len(rows))
+
+
 def panel_data(drawing: Drawing) -> dict[str, Any]:
     """Convert a drawing for ``panels.js``, thinned, ready for JSON."""
     common = {

@@ -39,7 +39,8 @@ from insnav.output.folder import FACTS_FILE, RunFolder, read_facts
 from insnav.output.solution_tables import TableFormat, read_events
 from insnav.plain_text import NOT_UTF8
 from insnav.quantity import Quantity, quantity_of
-from insnav.report.page import DataFrame, Figure, FigureSpec, Page, Section, cell, of_table, only_json
+from insnav.report.page import DataFrame, Figure, FigureSpec, Page, Section, cell, only_json
+from insnav.report.tables import of_table
 from insnav.report.terminal import page_text
 from insnav.result import Result
 from insnav.version import __version__
@@ -52,7 +53,6 @@ EXPLANATION_FILE = "explanation.npz"
 FigureFiles = Literal["page", "png", "svg", "none"]
 _TABLE = ("path", "n_used", "start", "end", "rate", "n_gaps", "longest_gap", "axes", "sampling", "stamp", "height")
 _TIMES = ("start", "end")
-_SENSORS = {"gyro": ("Gyros", "deg/h", "deg/sqrt(h)"), "accel": ("Accelerometers", "mg", "m/s/sqrt(h)")}
 
 
 def explanation_section(found: Explanation) -> Section:
@@ -71,16 +71,7 @@ def explanation_line(found: Explanation) -> str:
 
 
 def _row(row: Tried) -> tuple[Quantity, ...]:
-    return (
-        Quantity("fault", phrase(f"fault.{row.name}")),
-        Quantity("begin", row.begin, "s", decimals=1),
-        Quantity("end", row.end if np.isfinite(row.end) else None, "s", decimals=1),
-        Quantity("gain", row.gain),
-        Quantity("prior", row.prior, meaning="prior cost"),
-        Quantity("accepted", row.accepted),
-        Quantity("size", row.size, row.unit),
-        Quantity("changed", _changed(row)),
-    )
+    return of_table("explanation.row", row, fault=phrase(f"fault.{row.name}"), changed=_changed(row))
 
 
 def _changed(row: Tried) -> tuple[str, ...]:
@@ -392,23 +383,8 @@ def _inputs(inputs: Mapping[str, ReadingFacts]) -> tuple[Section, ...]:
 
 def imu_model(spec: ImuSpec, how: Finding) -> Section:
     """Build an IMU error specification, one standard deviation each, x, y, z."""
-    sensors = {}
-    for name, (_, unit, walk_unit) in _SENSORS.items():
-        sensor = getattr(spec, name)
-        sensors[name] = (
-            Quantity("bias", sensor.bias, unit),
-            Quantity("bias_instability", sensor.bias_instability, unit),
-            Quantity("correlation_time", sensor.correlation_time, "h"),
-            Quantity("random_walk", sensor.random_walk, walk_unit),
-            Quantity("scale_factor", sensor.scale_factor, "ppm"),
-            Quantity("misalignment", sensor.misalignment, "deg"),
-        )
+    sensors = ("gyro", "Gyros", spec.gyro), ("accel", "Accelerometers", spec.accel)
+    parts = tuple(Section(name, title, of_table(f"imu_model.{name}", sensor)) for name, title, sensor in sensors)
     items = (Quantity("name", spec.name), Quantity("chosen", sentence(how)), Quantity("source", spec.source))
-    return Section(
-        "imu_model",
-        "IMU error specification: one standard deviation, x, y, z",
-        items,
-        parts=tuple(Section(name, _SENSORS[name][0], own) for name, own in sensors.items()),
-        show="page",
-        folded=True,
-    )
+    title = "IMU error specification: one standard deviation, x, y, z"
+    return Section("imu_model", title, items, parts=parts, show="page", folded=True)

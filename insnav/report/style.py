@@ -16,10 +16,7 @@ _SMALLEST = 1e-7  # written without an exponent
 
 
 def number(value: float | None, digits: int = 3) -> str:
-    """Write a number with `digits` significant digits, large ones without an exponent.
-
-    `value`: None gives a dash.
-    """
+    """Write a number with `digits` significant digits, large ones without an exponent. `value`: None gives a dash."""
     if value is None:
         return _UNKNOWN
     short = f"{value:#.{digits}g}"

@@ -176,10 +176,7 @@ class Truth(ABC):
 
     @abstractmethod
     def evaluate(self, time: FloatArray) -> Kinematics:
-        """Evaluate the motion at times ``(n,)`` [s], in any order.
-
-        Raises: ConfigError: a time outside the motion.
-        """
+        """Evaluate the motion at times ``(n,)`` [s], in any order. Raises: ConfigError: a time outside the motion."""
 
     def elapsed(self, time: FloatArray) -> FloatArray:
         """Return the time since `start` ``(n,)`` [s]; refuse a time outside the motion."""

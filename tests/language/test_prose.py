@@ -19,7 +19,11 @@ ROOMS = {f"insnav/{path.name}": sorted(path.rglob("*.py")) for path in FOLDERS i
     "insnav": sorted(PACKAGE.glob("*.py")),
     "messages": sorted({*(PACKAGE / "messages").rglob("*.en.toml"), *(PACKAGE / "messages").rglob("en.toml")})
     + sorted((PACKAGE / "messages").rglob("*.py")),
-    "help": [*sorted((PACKAGE / "cli" / "texts").rglob("*.txt")), PACKAGE / "steps" / "inputs.toml"],
+    "help": [
+        *sorted((PACKAGE / "cli" / "texts").rglob("*.txt")),
+        PACKAGE / "steps" / "inputs.toml",
+        PACKAGE / "cli" / "options.toml",
+    ],
     "manual": [*sorted((ROOT / "docs").rglob("*.md")), ROOT / "README.md", ROOT / "reports" / "accuracy.md"],
     "changelog": [ROOT / "CHANGELOG.md"],
 }

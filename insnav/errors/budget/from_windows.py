@@ -500,10 +500,7 @@ def spec_in_windows(budget: RecordedBudget) -> ImuSpec:
 
 
 def with_recorded(found: Budget, budget: RecordedBudget) -> Budget:
-    """Add the recorded column.
-
-    `found`: budget from `spec_in_windows`, `window_start_sources` and `window_motion`.
-    """
+    """Add the recorded column. `found`: budget from `spec_in_windows`, `window_start_sources` and `window_motion`."""
     windows = budget.shown.windows
     times = found.time[found.chosen]
     summed = growth(windows, times)

@@ -105,10 +105,7 @@ def window_starts(
 
 
 def part_of(ready: FilterInput, state: FilterState, length: float) -> FilterInput:
-    """Cut the samples that a filter needs to continue for a time.
-
-    `length` [s].
-    """
+    """Cut the samples that a filter needs to continue for a time. `length` [s]."""
     end = min(state.time + length + _BEFORE, ready.unbroken_until(state.time) + _SAME)
     first, last = np.searchsorted(ready.imu.time, [state.time - _BEFORE, end])
     return replace(ready, imu=ready.imu.rows(slice(first, last)), starts=ready.starts[:1])

@@ -121,10 +121,7 @@ def components(windows: Windows) -> tuple[FloatArray, FloatArray, FloatArray]:
 
 
 def growth(windows: Windows, times: FloatArray | None = None) -> Growth:
-    """Summarise free-inertial windows at some times.
-
-    `times` (k,) [s]; by default from `table_times`.
-    """
+    """Summarise free-inertial windows at some times. `times` (k,) [s]; by default from `table_times`."""
     at = columns_at(windows, table_times(windows) if times is None else times)
     error, variance, reference = (values[:, at] for values in components(windows))
     inside = (error**2 <= 9.0 * (variance + reference)).astype(np.float64)

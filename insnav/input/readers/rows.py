@@ -215,10 +215,7 @@ def read_epochs(path: str | Path) -> FloatArray:
 
 
 def as_epochs(times: object, where: str) -> FloatArray:
-    """Check epochs [s]: at least one, finite and increasing.
-
-    Raises: InputError: they are not.
-    """
+    """Check epochs [s]: at least one, finite and increasing. Raises: InputError: they are not."""
     epochs = np.asarray(times, dtype=np.float64)
     if epochs.ndim != 1 or not epochs.size:
         raise InputError("input.no_epochs", where=where)

@@ -176,10 +176,7 @@ def _refuse_impossible(time: FloatArray, f_n: FloatArray, name: str) -> None:
 
 
 def read_heights(path: str | Path | Table) -> Reading[Heights]:
-    """Read time and height from a data file, ignoring other columns.
-
-    Raises: InputError: the file cannot be used.
-    """
+    """Read time and height from a data file, ignoring other columns. Raises: InputError: the file cannot be used."""
     table = open_table(path)
     name = table.name
     found, notes = understand(table.headers, table.units, _HEIGHT_SCHEMA, where=name)

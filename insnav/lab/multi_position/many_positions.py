@@ -183,10 +183,7 @@ class TurnFit:
 
 
 def prepare(imu: ImuData, poses: Sequence[Pose], damaged: BoolArray) -> Turns:
-    """Find the turns of a record.
-
-    `poses`: at least two. `damaged` (n,): samples at the end of the range.
-    """
+    """Find the turns of a record. `poses`: at least two. `damaged` (n,): samples at the end of the range."""
     parts = intervals(imu)
     begin = np.array([pose.end for pose in poses[:-1]])
     finish = np.array([pose.start for pose in poses[1:]])

@@ -113,10 +113,7 @@ class AllanDeviation:
 
 
 def between(imu: ImuData, start: float, end: float) -> ImuData:
-    """Cut a part out of a record.
-
-    `start`, `end`: both included [s]. Raises: InputError: hardly a sample in it.
-    """
+    """Cut a part out of a record. `start`, `end`: both included [s]. Raises: InputError: hardly a sample in it."""
     kept = (imu.time >= start) & (imu.time <= end)
     if np.count_nonzero(kept) < 2:
         raise InputError("lab.empty_part", begin=start, end=end, first_s=imu.time[0], last_s=imu.time[-1])
@@ -220,10 +217,7 @@ def allan_deviation(
 
 
 def smallest_step(values: FloatArray) -> FloatArray:
-    """Find the resolution of each column: the smallest difference between its values, or zero.
-
-    values (n, c).
-    """
+    """Find the resolution of each column: the smallest difference between its values, or zero. values (n, c)."""
     steps = np.zeros(values.shape[1])
     for column in range(values.shape[1]):
         different = np.unique(values[: 1 << 17, column])
@@ -295,10 +289,7 @@ class Sinusoid:
 
 
 def find_sinusoids(values: FloatArray, interval: float) -> tuple[Sinusoid, ...]:
-    """Find steady lines, strongest first.
-
-    `values` (n,): signal at even steps, not constant. `interval`: step [s].
-    """
+    """Find steady lines, strongest first. `values` (n,): signal at even steps, not constant. `interval`: step [s]."""
     n = prev_fast_len(min(values.size, LONGEST), real=True)
     if n < FEWEST_SAMPLES:
         return ()

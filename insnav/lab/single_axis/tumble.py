@@ -92,10 +92,7 @@ def _completed(file: str | Path | Table, columns: Mapping[str, str] | None) -> T
 
 
 def read_positions(file: str | Path | Table, how: BenchOptions) -> Positions:
-    """Read the positions.
-
-    Raises: InputError: a column is missing, or the outputs have different units.
-    """
+    """Read the positions. Raises: InputError: a column is missing, or the outputs have different units."""
     raw_too = {key: key.replace("output", "raw") for key in _OUTPUTS}
     file = _completed(file, how.columns)
     table = read_bench(file, POSITIONS, (*_TRUE, *_OUTPUTS), columns=how.columns, alternatives=raw_too)

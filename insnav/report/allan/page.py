@@ -18,6 +18,7 @@ from insnav.quantity import Quantity, key_suffix
 from insnav.report.page import DataFrame, Page, Section, by_warnings, cell, drawn, only_json
 from insnav.report.panels import Curve, Panel
 from insnav.report.style import AXIS_COLOURS, GREY
+from insnav.report.tables import of_section, of_table
 from insnav.result import Result
 from insnav.types import FloatArray
 from insnav.units import M_S_PER_SQRT_H, UG, UNITS
@@ -174,11 +175,8 @@ def _axis(found: StaticNoise, column: int) -> tuple[Section, ...]:
         for term, each in model.coefficients.items()
     ]
     items += _of_model(model, size)
-    items += [
-        Quantity("floor", floor.value, size, meaning="lowest deviation"),
-        Quantity("floor_tau", floor.tau, "s", meaning="at averaging time"),
-        Quantity("misfit", model.misfit, meaning="relative misfit of the model"),
-    ]
+    items.append(Quantity("floor", floor.value, size, meaning="lowest deviation"))
+    items += of_table("allan.axis", floor, misfit=model.misfit)
     si = (noise_quantity(term, each.value, gyro=gyro, si=True) for term, each in model.coefficients.items())
     return only_json(key, *items), only_json(key, *si)
 
@@ -214,13 +212,7 @@ def _filter_figures(found: StaticNoise) -> Section:
         )
         time = sensor.correlation_time if np.isfinite(sensor.correlation_time) else None
         rows.append((Quantity("axis", axis), n, gm, Quantity("correlation_time", time, "s"), *others))
-    return Section(
-        "imu_model",
-        "IMU model for filters and simulations (imu.toml)",
-        rows=tuple(rows),
-        note=f"1 m/s/√h is {M_S_PER_SQRT_H / UG:.0f} µg/√Hz, 1 deg/√h is 60 deg/h/√Hz. Quantisation and rate ramp: "
-        "in simulations only. Use it with insnav run --imu imu.toml.",
-    )
+    return of_section("allan.imu_model", rows, {"density": M_S_PER_SQRT_H / UG})
 
 
 def _columns(found: StaticNoise | SignalNoise) -> list[tuple[str, str]]:
@@ -269,18 +261,9 @@ def allan_panels(found: StaticNoise | SignalNoise) -> Iterator[Panel]:
             continue
         low, high = (float(limit(np.concatenate(seen))) for limit in (np.min, np.max))
         title = f"Allan deviation of the {sensors}" if unit else "Allan deviation"
-        yield Panel(
-            f"allan_{sensors}",
-            title,
-            f"Allan deviation [{unit or 'unit of the signal'}]",
-            "averaging time [s]",
-            (*curves, *_guides(tau, high)),
-            "tau",
-            note,
-            log="xy",
-            limits=(0.4 * low, 5.0 * high),
-            height=400,
-        )
+        labels = title, f"Allan deviation [{unit or 'unit of the signal'}]", "averaging time [s]"
+        every, limits = (*curves, *_guides(tau, high)), (0.4 * low, 5.0 * high)
+        yield Panel(f"allan_{sensors}", *labels, every, "tau", note, log="xy", limits=limits, height=400)
         note = ""
 
 

@@ -30,8 +30,9 @@ from insnav.report.budget.quantities import extent, horizontal, ranked, recorded
 from insnav.report.budget.windows import CAUSE_UNITS, GROWS, parts_of
 from insnav.report.outage.page import below_noise, power_lines, spread
 from insnav.report.page import DataFrame, Light, Page, Section, beside, by_warnings, drawn, only_json, rows_frame
-from insnav.report.panels import Curve, Panel, bars
+from insnav.report.panels import Curve, Panel, bars, row_panel
 from insnav.report.style import BLACK, BLUE, GREEN, GREY, ORANGE, PURPLE, SKY, VERMILLION, number
+from insnav.report.tables import of_table
 from insnav.report.terminal import page_text
 from insnav.result import Result
 from insnav.units import DEG, DEG_PER_H, G0, UNITS
@@ -47,6 +48,7 @@ _GROUPS = {
 }
 _MOTIONS = {"static": GREEN, "straight": BLUE, "turning": VERMILLION}
 _LINES = (BLUE, ORANGE, GREEN, PURPLE, SKY, VERMILLION)
+_TIME = "time without GPS [s]"
 PDF_PAGES = {"result": ("growth", "sources")}
 __all__ = ["PDF_PAGES", "end_page", "frame", "page", "read_found", "write_files"]
 
@@ -83,16 +85,8 @@ def _growth(budget: Budget, part: RecordedPart | None) -> Panel:
     if part is None and budget.recorded is not None:
         found = budget.recorded
         curves.append(Curve(f"recorded, {found.windows} windows", found.time, found.corrected[:, 3], PURPLE, "crosses"))
-    return Panel(
-        "growth",
-        "Growth of the horizontal error",
-        "horizontal error [m]",
-        "time without GPS [s]",
-        tuple(curves),
-        link="growth",
-        note="" if part is None else note,
-        height=300,
-    )
+    labels, note = ("Growth of the horizontal error", "horizontal error [m]", _TIME), "" if part is None else note
+    return Panel("growth", *labels, tuple(curves), "growth", note, height=300)
 
 
 def _recorded(part: RecordedPart) -> list[Curve]:
@@ -122,17 +116,9 @@ def _contributions(budget: Budget, origin: str) -> Panel:
         place = np.array([float(len(shown))])
         curves.append(Curve("others", np.array([100.0]), place, GREY, "bars", end[-1:], text=(rest,)))
     gain = saved(budget)[shown[0]]
-    return Panel(
-        "contributions",
-        "Contributions to the error",
-        "",
-        f"share of the variance of the horizontal error after {budget.time[budget.chosen[-1]]:g} s [%]",
-        tuple(curves),
-        note=f"point at a source: size, law, origin, decrease by halving it ({budget.families[shown[0]]}: "
-        f"{number(float(gain))} m)",
-        rows=tuple(rows),
-        height=80 + 24 * len(rows),
-    )
+    label = f"share of the variance of the horizontal error after {budget.time[budget.chosen[-1]]:g} s [%]"
+    note = f"point at a source: size, law, origin, decrease by halving it ({rows[0]}: {number(float(gain))} m)"
+    return row_panel("contributions", "Contributions to the error", label, curves, rows, note)
 
 
 def _explained(part: RecordedPart) -> Panel:
@@ -147,17 +133,10 @@ def _explained(part: RecordedPart) -> Panel:
     if dots:
         at, value = np.array(dots).T
         curves.append(Curve("recorded / predicted", value, at, BLACK, "points"))
-    return Panel(
-        "explained",
-        f"Explained or not, after {part.growth.length:g} s",
-        "",
-        "recorded RMS, corrected, over predicted sd [-]",
-        tuple(curves),
-        note="bar: 95 % interval; explained if it reaches down to 1 (shaded), or if as few windows may err so much",
-        spans=((0.97, 1.03),),
-        rows=tuple(each.component for each in rows),
-        height=80 + 24 * len(rows),
-    )
+    title, label = f"Explained or not, after {part.growth.length:g} s", "recorded RMS, corrected, over predicted sd [-]"
+    note = "bar: 95 % interval; explained if it reaches down to 1 (shaded), or if as few windows may err so much"
+    panel = row_panel("explained", title, label, curves, [each.component for each in rows], note)
+    return replace(panel, spans=((0.97, 1.03),))
 
 
 def _kind(each: Verdict) -> str:
@@ -197,18 +176,9 @@ def _sources(budget: Budget) -> Panel:
         curves.append(Curve(budget.families[k], time, np.where(value > 0.0, value, np.nan), colour))
     limits = max(1e-4 * float(total[-1]), 0.5 * float(total[0])), 2.0 * float(total[-1])
     curves += power_lines(time, max(0.06 * float(total[-1]), 4.0 * limits[0]), GREY, limits[0])
-    return Panel(
-        "sources",
-        "Each source alone",
-        "horizontal error [m]",
-        "time without GPS [s]",
-        (*curves, Curve("all", time, total, BLACK)),
-        link="sources",
-        note="covariance, 1 sd; grey: growth with t, t², t³",
-        log="xy",
-        limits=limits,
-        height=280,
-    )
+    labels, note = ("Each source alone", "horizontal error [m]", _TIME), "covariance, 1 sd; grey: growth with t, t², t³"
+    curves.append(Curve("all", time, total, BLACK))
+    return Panel("sources", *labels, tuple(curves), "sources", note, log="xy", limits=limits, height=280)
 
 
 def windows_drawings(budget: RecordedBudget) -> tuple[Section, ...]:
@@ -242,18 +212,10 @@ def _growth_panels(part: RecordedPart, key: str) -> Iterator[Panel]:
             curves += power_lines(curve.times[first:], float(rms[-1]), GREEN) if rms[-1] > 0.0 else []
             positive = rms[rms > 0.0]
             limits = max(0.2 * float(positive.min(initial=largest)), 1e-4 * largest), largest
-        yield Panel(
-            f"{key}_growth_{name}",
-            f"{name.capitalize()} error of {windows.count} windows",
-            f"{name} error [m]",
-            "time without GPS [s]",
-            tuple(curves),
-            f"{key}_growth" if both else "",
-            "bands: 95 %, of the windows by block bootstrap",
-            log="" if both else "xy",
-            limits=limits,
-            height=260,
-        )
+        labels = f"{name.capitalize()} error of {windows.count} windows", f"{name} error [m]", _TIME
+        note = "bands: 95 %, of the windows by block bootstrap"
+        panel = Panel(f"{key}_growth_{name}", *labels, tuple(curves), note=note, limits=limits, height=260)
+        yield replace(panel, link=f"{key}_growth") if both else replace(panel, log="xy")
 
 
 def _sums(part: RecordedPart, i: int, sign: float) -> list[Curve]:
@@ -291,15 +253,9 @@ def _causes_panels(part: RecordedPart, key: str) -> Iterator[Panel]:
                 bars = np.column_stack((y - reach, y + reach, np.full(len(at), np.nan))).ravel()
                 curves.append(Curve(motion, at, y, colour, "points"))
                 curves.append(Curve("", np.repeat(at, 3), bars, colour, "thin"))
-            yield Panel(
-                f"{key}_{axis.axis}_{name}".replace(" ", "_"),
-                f"{axis.axis.capitalize()} {name}: error grows with {GROWS[name]}",
-                f"{name} [{CAUSE_UNITS[name]}]",
-                across,
-                tuple(each for each in curves if len(each.x)),
-                f"{key}_causes",
-                note,
-            )
+            labels = f"{axis.axis.capitalize()} {name}: error grows with {GROWS[name]}", f"{name} [{CAUSE_UNITS[name]}]"
+            known = tuple(each for each in curves if len(each.x))
+            yield Panel(f"{key}_{axis.axis}_{name}".replace(" ", "_"), *labels, across, known, f"{key}_causes", note)
 
 
 def _regression_panel(part: RecordedPart, key: str) -> Panel:
@@ -317,16 +273,9 @@ def _regression_panel(part: RecordedPart, key: str) -> Panel:
     ]
     if np.isfinite(line.low):
         curves.append(Curve("regression", ends, line.high * ends, VERMILLION, "band", line.low * ends))
-    return Panel(
-        f"{key}_regression",
-        "Recorded over predicted error",
-        "recorded |error| / 0.80 [m]",
-        "predicted sd, reference included [m]",
-        tuple(curves),
-        note=f"north and east: {line.slope:.2f} times as large{interval}, R² {line.r_squared:.2f}",
-        log="xy",
-        height=320,
-    )
+    labels = "Recorded over predicted error", "recorded |error| / 0.80 [m]", "predicted sd, reference included [m]"
+    note = f"north and east: {line.slope:.2f} times as large{interval}, R² {line.r_squared:.2f}"
+    return Panel(f"{key}_regression", *labels, tuple(curves), note=note, log="xy", height=320)
 
 
 def page(result: Result[BudgetStudy]) -> Page:
@@ -537,18 +486,10 @@ def end_page(
             ("t³", "gyro drift", axis.alone[2] / gravity, axis.sd[2] / gravity, "deg/h", 2),
         ):
             assumed, factor = given.get(name, 0.0), UNITS[unit][1]
-            rows.append(
-                (
-                    Quantity("axis", axis.axis),
-                    Quantity("cause", name),
-                    Quantity("grows_with", term),
-                    Quantity("value", f"{number(value / factor)} ± {number(deviation / factor, 2)} {unit}"),
-                    Quantity("value_si", float(value)),
-                    Quantity("left_sd", float(axis.left[k]), meaning="left unexplained [sd]"),
-                    Quantity("explains", axis.fits[k]),
-                    Quantity("by_specification", abs(value) / assumed if assumed > 0.0 else None, digits=2),
-                )
-            )
+            text = f"{number(value / factor)} ± {number(deviation / factor, 2)} {unit}"
+            row = {"cause": name, "grows_with": term, "value": text, "value_si": float(value), "explains": axis.fits[k]}
+            row |= {"left_sd": float(axis.left[k]), "by_specification": abs(value) / assumed if assumed > 0.0 else None}
+            rows.append(of_table("budget.end_cause", axis, **row))
     powers = {axis.axis: axis.power for axis in axes}
     return Page(
         f"Error at the end of {time:g} s of free-inertial navigation",

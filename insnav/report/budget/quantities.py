@@ -11,8 +11,9 @@ from insnav.errors.budget.from_windows import RecordedBudget
 from insnav.errors.budget.sources import term_of
 from insnav.quantity import Quantity
 from insnav.report.outage.page import BELOW, below_noise
-from insnav.report.page import Section, of_table, one_each, only_json
+from insnav.report.page import Section, one_each, only_json
 from insnav.report.style import number
+from insnav.report.tables import of_table
 from insnav.types import FloatArray
 from insnav.units import UNITS, shown_unit
 

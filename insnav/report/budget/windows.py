@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from dataclasses import replace
+
 import numpy as np
 
 from insnav.errors.budget.from_windows import RecordedBudget, RecordedPart, Replicas, Verdict
@@ -11,9 +14,9 @@ from insnav.findings import Code, Finding, Severity, of_code
 from insnav.messages import sentence, word
 from insnav.quantity import Quantity
 from insnav.report.outage.page import corrected, corrected_text
-from insnav.report.page import Section, of_table, one_each, only_json
+from insnav.report.page import Section, one_each, only_json
 from insnav.report.style import number
-from insnav.types import FloatArray
+from insnav.report.tables import of_table
 from insnav.units import UNITS
 
 CALIBRATED, UNCALIBRATED = "calibrated", "uncalibrated"
@@ -149,22 +152,13 @@ def windows_sections(budget: RecordedBudget) -> tuple[Section, ...]:
 
 
 def _sections(kind: str, part: RecordedPart) -> tuple[Section, ...]:
-    found, line = part.growth, part.regression
+    found = part.growth
     motions = {name: () if each is None else _growth(each) for name, each in part.motions.items()}
-    verdicts = {
-        each.component: (
-            Quantity("rms_corrected", each.recorded, "m", interval=(each.low, each.high)),
-            Quantity("predicted", each.predicted, "m"),
-            Quantity("explained", each.explained),
-            Quantity("cautious", each.cautious),
-        )
-        for each in part.verdicts
-    }
-    regression = (Quantity("slope", line.slope, interval=(line.low, line.high)), Quantity("r_squared", line.r_squared))
+    verdicts = {each.component: of_table("budget.verdict", each) for each in part.verdicts}
     in_json = (
         one_each("by_motion", "", motions),
         one_each("verdicts", "", verdicts),
-        Section("regression", items=regression),
+        Section("regression", items=of_table("budget.regression", part.regression)),
     )
     return (
         only_json("", *of_table("budget.windows", part), *_growth(found), parts=in_json),
@@ -177,28 +171,15 @@ def _sections(kind: str, part: RecordedPart) -> tuple[Section, ...]:
     )
 
 
-def _named(key: str, values: FloatArray, unit: str = "") -> Quantity:
-    """Build a quantity for every component."""
-    return Quantity(key, {name: values[:, i] for i, name in enumerate(COMPONENTS)}, unit)
+def _by_component(table: str, found: object) -> Iterator[Quantity]:
+    """Build the quantities of a table with a value for every component."""
+    for each in of_table(table, found):
+        yield replace(each, value=dict(zip(COMPONENTS, np.asarray(each.value).T, strict=False)))
 
 
 def _growth(found: Growth) -> tuple[Quantity, ...]:
-    return (
-        Quantity("times", found.times, "s"),
-        Quantity("count", found.count),
-        Quantity("known", [int(n) for n in found.known[:, found.column("horizontal")]]),
-        Quantity("effective", found.effective),
-        _named("rms", found.rms, "m"),
-        _named("rms_corrected", found.corrected, "m"),
-        _named("rms_corrected_low", found.low, "m"),
-        _named("rms_corrected_high", found.high, "m"),
-        _named("common", found.common),
-        _named("p95", found.p95, "m"),
-        _named("max", found.largest, "m"),
-        _named("reference_sd", found.reference, "m"),
-        _named("predicted", found.predicted, "m"),
-        _named("inside_3_sd", found.inside),
-    )
+    about = of_table("budget.growth", found, known=[int(n) for n in found.known[:, found.column("horizontal")]])
+    return *about, *_by_component("budget.growth_by_component", found)
 
 
 def _components(found: Growth) -> list[tuple[int, str]]:
@@ -219,12 +200,9 @@ def _over_time(kind: str, found: Growth) -> Section:
 
 def _rms(found: Growth, i: int) -> tuple[Quantity, ...]:
     """Build RMS as measured and without the reference, with interval, and prediction, at the end of the windows."""
-    return (
-        Quantity("rms", float(found.rms[-1, i]), "m", meaning="RMS"),
-        Quantity("reference", float(found.reference[-1, i]), "m", meaning="reference sd"),
-        corrected(found, i),
-        Quantity("predicted", float(found.predicted[-1, i]), "m", meaning="predicted sd"),
-    )
+    size, reference, predicted = (float(each[-1, i]) for each in (found.rms, found.reference, found.predicted))
+    first, second, last = of_table("budget.rms", rms=size, reference=reference, predicted=predicted)
+    return first, second, corrected(found, i), last
 
 
 def _at_end(kind: str, part: RecordedPart) -> Section:
@@ -259,17 +237,11 @@ def regression_text(part: RecordedPart) -> str:
 
 def _by_motion(kind: str, part: RecordedPart) -> Section:
     i = COMPONENTS.index("horizontal")
-    rows = [
-        (
-            Quantity("windows", name),
-            Quantity("count", found.count),
-            Quantity("effective", found.effective, meaning="effective sample size"),
-            *_rms(found, i),
-            Quantity("largest", float(found.largest[-1, i]), "m"),
-        )
-        for name, found in part.motions.items()
-        if found is not None
-    ]
+    rows = []
+    for name, found in part.motions.items():
+        if found is not None:
+            *about, largest = of_table("budget.motion", found, windows=name, largest=float(found.largest[-1, i]))
+            rows.append((*about, *_rms(found, i), largest))
     title = f"By motion, horizontal error after {part.growth.times[-1]:g} s, {kind}"
     note = "turning: heading changes by more than 15 deg; static: below 0.5 m/s throughout"
     return Section("", title, rows=tuple(rows), note=note)
@@ -310,15 +282,8 @@ def _axis(axis: AxisDiagnosis) -> tuple[Section, ...]:
 
 
 def _cause(name: str, cause: Cause) -> tuple[Quantity, ...]:
-    unit = CAUSE_UNITS[name]
-    return (
-        Quantity("rms", cause.rms, unit, meaning="RMS"),
-        Quantity("mean", cause.mean, unit, sd=cause.mean_sd),
-        Quantity("fit_sd", cause.fit_sd, unit, meaning="sd of one fit"),
-        Quantity("filter_sd", cause.filter_sd, unit, meaning="filter sd"),
-        Quantity("specified", cause.spec_sd, unit, meaning="IMU specification"),
-        Quantity("share", cause.share, meaning="share at the end"),
-    )
+    sizes = (replace(each, unit=CAUSE_UNITS[name]) for each in of_table("budget.cause", cause))
+    return *sizes, Quantity("share", cause.share, meaning="share at the end")
 
 
 def explained_text(cause: Cause) -> str:
@@ -343,14 +308,7 @@ def _sensors(kind: str, fit: SensorFit) -> Section:
 def _replicas(made: Replicas | None) -> Section:
     if made is None:
         return only_json("", Quantity("replicas", None))
-    return only_json(
-        "replicas",
-        Quantity("count", len(made.rms)),
-        Quantity("inside_band", made.agree),
-        _named("low", made.low, "m"),
-        _named("high", made.high, "m"),
-        _named("recorded", made.recorded, "m"),
-        Quantity("track_apart", made.apart.position, "m"),
-        Quantity("track_apart", made.apart.velocity, "m/s"),
-        Quantity("failures", {str(each.number): each.error.code for each in made.failures}),
-    )
+    about = (Quantity("count", len(made.rms)), Quantity("inside_band", made.agree))
+    apart = Quantity("track_apart", made.apart.position, "m"), Quantity("track_apart", made.apart.velocity, "m/s")
+    failures = Quantity("failures", {str(each.number): each.error.code for each in made.failures})
+    return only_json("replicas", *about, *_by_component("budget.replicas", made), *apart, failures)

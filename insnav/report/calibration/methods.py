@@ -18,9 +18,10 @@ from insnav.lab.single_axis.rate_table import RateTable, Record
 from insnav.lab.single_axis.tumble import Positions, Tumble, harmonics
 from insnav.messages import phrase, sentence
 from insnav.quantity import Quantity
-from insnav.report.page import Page, Section, drawn, of_table, only_json
+from insnav.report.page import Page, Section, drawn, only_json
 from insnav.report.panels import Curve, Panel
 from insnav.report.style import AXIS_COLOURS, BLACK, GREY, number
+from insnav.report.tables import of_columns, of_section, of_table
 from insnav.sample_statistics import rms
 from insnav.types import BoolArray, FloatArray
 from insnav.units import DEG, G0
@@ -42,11 +43,7 @@ def quality_section(*sets: tuple[Mapping[str, Fit], str, Mapping[str, Sequence[s
         for fits, unit, settings in sets
         for name, fit in fits.items()
     )
-    note = (
-        "rms: root of the sum of squares over the number of points; sd: over the degrees of freedom. Condition: of the "
-        "design with columns of equal length, 1 at best."
-    )
-    return Section("fits", "Residuals", rows=rows, note=note)
+    return of_section("calibration.fits", rows)
 
 
 def impact_section(calibration: Calibration[Any, Any], note: str = "") -> Section:
@@ -85,8 +82,7 @@ def corrected_section(calibration: Calibration[Any, Any]) -> Section:
         for what, sd, unit in cases
         if np.any(sd)
     )
-    note = "1 sd from the uncertainty of the calibration alone, without noise and drift after it."
-    return Section("corrected", "Uncertainty of corrected data", rows=rows, note=note)
+    return of_section("calibration.corrected", rows)
 
 
 def bench_input(tables: Sequence[BenchTable | BenchFile]) -> Any:
@@ -253,15 +249,7 @@ def _harmonics(found: dict[str, Tumble], unit: str) -> tuple[Section, Section]:
                 Quantity("misalignment", series.misalignment, "mrad"),
             )
         )
-    difference = "largest difference: from least squares, zero for evenly spaced positions"
-    note = (
-        "Orders 0 to 2 are the model: a0 = K0 + K2/2, b1 = K1, a2 = -K2/2, b2 = K3/2. The ratio a1 / b1 is the "
-        "misalignment of the table or the input axis. Orders from 3 on are non-linearity and errors of position."
-    )
-    return (
-        Section("harmonics", "Output = Σ a cos(n angle) + b sin(n angle)", rows=tuple(rows), note=note),
-        Section("model_by_harmonics", "The model by its harmonics", rows=tuple(models), note=difference),
-    )
+    return of_section("calibration.harmonics", rows), of_section("calibration.model_by_harmonics", models)
 
 
 _IN_BRACKETS = "± 1 sd; in brackets the 95 % interval"
@@ -302,21 +290,11 @@ def _senses(found: dict[str, RateTable], unit: str) -> Section:
 
 def _dwells(records: Sequence[Record], names: Sequence[str]) -> Section:
     """Tabulate the samples dropped in cleaning, if any."""
-    rows = tuple(
-        (
-            Quantity("sensor", name),
-            Quantity("dwells", record.dwells.count.size),
-            Quantity("fewest_samples", int(record.dwells.count.min())),
-            Quantity("most_samples", int(record.dwells.count.max())),
-            Quantity("spikes_dropped", int(record.dwells.dropped.sum())),
-        )
-        for name, record in zip(names, records, strict=True)
-        if record.dwells.raw
-    )
-    note = (
-        "Each dwell: polynomial of order 7 through its samples, those beyond the spike limit dropped, mean of the rest."
-    )
-    return Section("dwells", "Raw dwells", rows=rows, note=note)
+    raw = {name: record.dwells for name, record in zip(names, records, strict=True) if record.dwells.raw}
+    counts, dropped = [each.count for each in raw.values()], [int(each.dropped.sum()) for each in raw.values()]
+    ends = {"fewest_samples": map(np.min, counts), "most_samples": map(np.max, counts)}
+    rows = of_columns("calibration.dwells", sensor=raw, dwells=map(len, counts), **ends, spikes_dropped=dropped)
+    return of_section("calibration.dwells", rows)
 
 
 def sweep_page(calibration: Calibration[SweepRecord, SweepCalibration]) -> Page:
@@ -379,27 +357,14 @@ def _settings(rate: FloatArray) -> list[str]:
 
 
 def _errors(found: SweepCalibration, stages: Sequence[float]) -> Section:
-    rows = []
-    for i, axis in enumerate("xyz"):
-        item, final = found.pieces[i], found.error_map[:, i]
-        worst = int(np.nanargmax(np.abs(final)))
-        rows.append(
-            (
-                Quantity("gyro", axis),
-                Quantity("line", rms(found.error_line[:, i]), "deg/s", meaning="own line, RMS"),
-                Quantity("matrix", rms(found.error_matrix[:, i]), "deg/s"),
-                Quantity("map", rms(final), "deg/s", meaning="matrix and pieces"),
-                Quantity("left_out", None if item is None else rms(item.left_out), "deg/s"),
-                Quantity("worst", abs(float(final[worst])), "deg/s"),
-                Quantity("worst_at", _settings(found.rate[worst : worst + 1])[0], meaning="at"),
-            )
-        )
-    note = (
-        "own line: bias and scale factor of each gyro alone; left out: in its own sweep, each rate by pieces fitted "
-        "without it"
-    )
-    of_all = (Quantity(name, value, "deg/s") for name, value in zip(("line", "matrix", "map"), stages, strict=True))
-    table = Section("rate_error_by_gyro", "Error of the corrected rate", rows=tuple(rows), note=note, keyed=True)
+    worst = np.nanargmax(np.abs(found.error_map), axis=0)
+    left_out = (None if item is None else rms(item.left_out) for item in found.pieces)
+    errors = {"line": found.error_line, "matrix": found.error_matrix, "map": found.error_map}
+    sizes = {name: map(rms, each.T) for name, each in errors.items()} | {"left_out": left_out}
+    at, most = _settings(found.rate[worst]), np.abs(found.error_map[worst, range(3)])
+    rows = of_columns("calibration.sweep_error", gyro="xyz", **sizes, worst=most, worst_at=at)
+    of_all = (Quantity(name, value, "deg/s") for name, value in zip(errors, stages, strict=True))
+    table = of_section("calibration.sweep_error", rows, keyed=True)
     return Section("", parts=(table, only_json("rate_error", *of_all)))
 
 
@@ -408,8 +373,7 @@ def _adjusted(found: SweepCalibration) -> tuple[Section, ...]:
     rows = tuple(
         of_table("calibration.adjusted", each, piece=f"{'xyz'[each.gyro]}{each.piece + 1}") for each in found.adjusted
     )
-    note = "the piece is moved, its neighbours stay and meet it at other borders; every other table is with it"
-    return (Section("adjusted", "Set by hand", rows=rows, note=note, keyed=True),) if rows else ()
+    return (of_section("calibration.adjusted", rows, keyed=True),) if rows else ()
 
 
 def _pieces(found: SweepCalibration) -> tuple[Section, ...]:
@@ -417,10 +381,7 @@ def _pieces(found: SweepCalibration) -> tuple[Section, ...]:
     known = {axis: item for axis, item in zip("xyz", found.pieces, strict=True) if item is not None}
     rows = tuple(
         (
-            Quantity("gyro", axis),
-            Quantity("piece", i + 1),
-            Quantity("from", float(item.knot[i]), "deg/s", decimals=2),
-            Quantity("to", float(item.knot[i + 1]), "deg/s", decimals=2),
+            *of_table("calibration.piece", gyro=axis, piece=i + 1, **{"from": item.knot[i]}, to=item.knot[i + 1]),
             Quantity("k", float(slope), "ppm", sd=float(item.slope_sd[i])),
             Quantity("b", float(item.value[i] - slope * item.knot[i]), "deg/s", meaning="b'", decimals=4),
         )
@@ -431,11 +392,7 @@ def _pieces(found: SweepCalibration) -> tuple[Section, ...]:
         of_table("calibration.knots", item, gyro=axis, sd=np.sqrt(np.diag(item.covariance)))
         for axis, item in known.items()
     )
-    note = "corrected rate from and to; they meet at the borders; beyond the outer ones the last piece goes on"
-    return (
-        Section("", "Pieces: error = k rate + b'", rows=rows, note=note),
-        Section("pieces", rows=knots, show="json", keyed=True),
-    )
+    return of_section("calibration.piece", rows), Section("pieces", rows=knots, show="json", keyed=True)
 
 
 def sweep_panels(found: SweepCalibration) -> Iterator[Panel]:

@@ -20,9 +20,10 @@ from insnav.messages import phrase
 from insnav.quantity import Quantity
 from insnav.report.calibration import methods
 from insnav.report.calibration.methods import Series
-from insnav.report.page import DataFrame, Page, Section, by_warnings, drawn, of_table, only_json, rows_frame
+from insnav.report.page import DataFrame, Page, Section, by_warnings, drawn, only_json, rows_frame
 from insnav.report.panels import Curve, Kind, Panel
 from insnav.report.style import AXIS_COLOURS, BLUE, GREY, ORANGE, VERMILLION, number
+from insnav.report.tables import of_columns, of_section, of_table
 from insnav.result import Result
 from insnav.sample_statistics import rms
 from insnav.types import FloatArray
@@ -136,62 +137,36 @@ def _quality(found: PosesCalibration) -> Section:
         for name, series, unit in (("gravity", gravity, "mg"), ("turn", turns, "deg"))
         for how, reduce in (("RMS", rms), ("worst", lambda v: float(np.abs(v).max())))
     )
-    note = "left out: every fifth at a time, by a calibration without them"
-    return Section("", "Errors", rows=rows, note=note)
+    return of_section("calibration.errors", rows)
 
 
 def _poses(found: PosesCalibration) -> Section:
     forces = np.array([pose.force for pose in found.poses])
     up = np.linalg.solve(found.accel.matrix, (forces - found.accel.bias).T).T / found.g
-    rows = []
-    for i, pose in enumerate(found.poses):
-        row = [
-            Quantity("pose", str(i + 1)),
-            Quantity("from", pose.start, "s", decimals=2),
-            Quantity("for", pose.end - pose.start, "s", decimals=2),
-            Quantity("f [g]", " ".join(f"{v:+.2f}" for v in up[i])),
-            Quantity("before", float(found.norm_before[i]), "mg"),
-            Quantity("after", float(found.norm_after[i]), "mg"),
-            Quantity("share", float(found.accel_share[i]), "%", decimals=0),
-        ]
-        if i < len(found.poses) - 1:
-            after = float(found.turn_after[i]) if found.turn_used[i] else None
-            row += [
-                Quantity("turn_before", float(found.turn_before[i]), "deg"),
-                Quantity("turn_after", after, "deg"),
-                Quantity("turn_share", float(found.gyro_share[i]), "%", decimals=0),
-            ]
-        rows.append(tuple(row))
-    note = "share: of one parameter that this pose or turn determines by itself; all add up to nine parameters"
-    return Section("", "Poses, and the turn from each to the next", rows=tuple(rows), note=note)
+    begin, end = np.array([[pose.start, pose.end] for pose in found.poses]).T
+    texts = [" ".join(f"{v:+.2f}" for v in row) for row in up]
+    named = {"pose": map(str, itertools.count(1)), "from": begin, "for": end - begin, "f [g]": texts}
+    sizes = {"before": found.norm_before, "after": found.norm_after, "share": found.accel_share}
+    poses = of_columns("calibration.pose", **named, **sizes)
+    after = np.where(found.turn_used, found.turn_after, np.nan)
+    share = found.gyro_share
+    turns = of_columns("calibration.pose_turn", turn_before=found.turn_before, turn_after=after, turn_share=share)
+    rows = tuple((*pose, *turn) for pose, turn in itertools.zip_longest(poses, turns, fillvalue=()))
+    return of_section("calibration.pose", rows)
 
 
 def _turns(found: SixPositions) -> Section:
     scale = np.diag(found.gyro.matrix)
-    rows = tuple(
-        (
-            Quantity("turn", name),
-            Quantity("before", float(found.turned[i]), "counts s" if found.counts else "deg", digits=6),
-            Quantity("after", float(found.turned[i] / scale[i]), "deg", digits=6),
-        )
-        for i, name in enumerate(TURNS)
-    )
-    return Section("", "Turns, as their own gyro measures them", rows=rows)
+    table = "calibration.turn_in_counts" if found.counts else "calibration.turn"
+    rows = of_columns(table, turn=TURNS, before=found.turned, after=found.turned / scale)
+    return of_section(table, rows)
 
 
 def _positions(found: SixPositions) -> Section:
-    rows = tuple(
-        (
-            Quantity("position", name),
-            Quantity("first_sample", found.sections[name][0]),
-            Quantity("last_sample", found.sections[name][1], meaning="last + 1"),
-            Quantity("before", float(found.norm_before[i]), "mg", meaning="|f| - g before"),
-            Quantity("after", float(found.norm_after[i]), "mg"),
-            Quantity("left", found.force_after[i], "mg", meaning="f - ideal, after"),
-        )
-        for i, name in enumerate(POSITIONS)
-    )
-    return Section("", "Positions", rows=rows)
+    first, last = zip(*(found.sections[name] for name in POSITIONS), strict=True)
+    sizes = {"before": found.norm_before, "after": found.norm_after, "left": found.force_after}
+    rows = of_columns("calibration.position", position=POSITIONS, first_sample=first, last_sample=last, **sizes)
+    return of_section("calibration.position", rows)
 
 
 def _triad(key: str, title: str, triad: Triad, counts: bool) -> Section:
@@ -259,13 +234,9 @@ def nine_page(calibration: Calibration[NineRecord, NinePositions]) -> Page:
     places = [f"roll {roll:.4g}, pitch {pitch:.4g} deg" for roll, pitch in calibration.record.dwells.setting / DEG]
     largest = 1e3 * float(np.abs(found.gyro_matrix - np.eye(3)).max())
     left = 1e3 * float(found.half_width(found.gyro_matrix_sd, first_order=True).max())
-    inverses = tuple(
-        (Quantity("matrix", name), Quantity("condition", condition), Quantity("positions", which))
-        for name, condition, which in (
-            ("A_m, accelerometers", found.condition_accel, str(len(places))),
-            ("Omega_m, products", found.condition_gyro, "all that are tilted"),
-        )
-    )
+    condition, which = (found.condition_accel, found.condition_gyro), (str(len(places)), "all that are tilted")
+    names = "A_m, accelerometers", "Omega_m, products"
+    inverses = of_columns("calibration.inverse", matrix=names, condition=condition, positions=which)
     return Page(
         "Nine positions of three dual-axis modules",
         (
@@ -395,15 +366,10 @@ def frame(result: Result[Calibration[Any, Any]]) -> DataFrame:
     return rows_frame(row for each in result.found.parameters for row in _numbers(each))
 
 
-def _numbers(each: Quantity) -> list[tuple[Quantity, ...]]:
+def _numbers(each: Quantity) -> tuple[tuple[Quantity, ...], ...]:
     """Split a parameter into the elements of its vector or matrix."""
     values, sds = np.broadcast_arrays(each.scaled(each.value), each.scaled(each.sd))
-    return [
-        (
-            Quantity("parameter", f"{each.label} {''.join('xyz'[k] for k in at)}".strip()),
-            Quantity("unit", each.unit),
-            Quantity("value", values[at]),
-            Quantity("sd", sds[at]),
-        )
-        for at in np.ndindex(values.shape)
-    ]
+    names = (f"{each.label} {''.join('xyz'[k] for k in at)}".strip() for at in np.ndindex(values.shape))
+    return of_columns(
+        "calibration.number", parameter=names, unit=itertools.repeat(each.unit), value=values.flat, sd=sds.flat
+    )

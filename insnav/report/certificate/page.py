@@ -14,12 +14,14 @@ from insnav.quantity import Quantity
 from insnav.report.page import DataFrame, Page, Section, Verdict, cell, drawn, only_json, rows_frame
 from insnav.report.panels import Curve, Kind, Panel
 from insnav.report.style import BLACK, BLUE, GREY, ORANGE, PURPLE, SKY, VERMILLION
+from insnav.report.tables import of_table
 from insnav.result import Result
 
 _EXCEEDS = "!"  # after an error that exceeds the limit
 _LEAST, _MOST = 1e-7, 1e7  # range of error over limit; beyond, points are at the edge
 _READ = f"shaded: within the limit; points: insnav as it navigates; at the edges {_LEAST:g} or less, {_MOST:g} or more"
 _PASSED, _FAILED = "insnav: passed", "insnav: FAILED"
+_DRAWN = "Error of every integrator in parts of its limit"
 _OTHERS = (ORANGE, GREY, PURPLE, SKY, BLACK)
 
 
@@ -37,17 +39,11 @@ def page(result: Result[Certificate]) -> Page:
         ),
         (
             only_json(
-                "",
-                Quantity("machine", certificate.machine),
-                Quantity("duration", certificate.seconds, "s"),
-                Quantity("passed", not failed),
-                Quantity("failed", [check.name for check in failed]),
+                "", *of_table("certificate.run", certificate, passed=not failed, failed=[x.name for x in failed])
             ),
             Section("checks", rows=tuple(map(_facts, checks)), show="json"),
             *(_topic(topic, list(rows)) for topic, rows in groupby(checks, key=lambda check: check.topic)),
-            drawn(
-                "certificate", "Error of every integrator in parts of its limit", (certificate_panel(checks),), _READ
-            ),
+            drawn("certificate", _DRAWN, (certificate_panel(checks),), _READ),
         ),
         result.findings,
         verdict=Verdict(
@@ -64,12 +60,8 @@ def frame(result: Result[Certificate]) -> DataFrame:
 
 
 def _facts(check: Check) -> tuple[Quantity, ...]:
-    return (
-        *(Quantity(name, getattr(check, name)) for name in ("topic", "case", "unit", "limit")),
-        Quantity("required", [name for name, _ in check.values[: check.required]]),
-        Quantity("errors", dict(check.values)),
-        Quantity("passed", check.passed),
-    )
+    required = [name for name, _ in check.values[: check.required]]
+    return of_table("certificate.check", check, required=required, errors=dict(check.values))
 
 
 def certificate_markdown(certificate: Certificate) -> str:
@@ -129,18 +121,9 @@ def certificate_panel(checks: Sequence[Check]) -> Panel:
         )
         for name, of in found.items()
     ]
-    return Panel(
-        "certificate",
-        "Error of every integrator in parts of its limit",
-        "",
-        "error / limit [-]",
-        tuple(each for each in curves if len(each.x)),
-        note=_READ,
-        log="x",
-        spans=((_LEAST / 3.0, 1.0),),
-        rows=tuple(check.name for check in checks),
-        height=110 + 20 * len(checks),
-    )
+    labels, names = (_DRAWN, "", "error / limit [-]"), tuple(check.name for check in checks)
+    known, spans, height = tuple(each for each in curves if len(each.x)), ((_LEAST / 3.0, 1.0),), 110 + 20 * len(checks)
+    return Panel("certificate", *labels, known, note=_READ, log="x", spans=spans, rows=names, height=height)
 
 
 def _part(check: Check, value: float) -> float:

@@ -12,16 +12,17 @@ from insnav.input.readers.reading import ReadingFacts
 from insnav.messages import At, form, moment, phrase, render, sentence, translated
 from insnav.plain_text import plain_text
 from insnav.quantity import Quantity
-from insnav.report.page import DataFrame, Light, Page, Section, Verdict, drawn, of_table, only_json, rows_frame
-from insnav.report.panels import Clock, Curve, Panel, bars
+from insnav.report.page import DataFrame, Light, Page, Section, Verdict, drawn, only_json, rows_frame
+from insnav.report.panels import Clock, Curve, bars, row_panel
 from insnav.report.style import BLUE, VERMILLION
+from insnav.report.tables import of_table
 from insnav.report.terminal import brief_text, hanging, page_text
 from insnav.result import Result
 from insnav.session.check import Checked
 from insnav.steps.one_clock import SIGMAS
 
 _TO_MEND = 3  # problems shown at the end of the text
-_UNITS = {"gyro": ("deg/s", "deg/sqrt(h)"), "accel": ("m/s^2", "m/s/sqrt(h)")}
+
 _BODY = "x, y, z: forward, right, down"
 
 
@@ -67,8 +68,7 @@ def _timeline(result: Result[Checked]) -> tuple[Section, ...]:
         row, begin, end = np.array(gaps).T
         texts = tuple(f"gap of {b - a:.3g} s" for _, a, b in gaps)
         curves.append(Curve("gap", clock(end), row, VERMILLION, "bars", clock(begin), text=texts))
-    height = 80 + 24 * len(names)
-    panel = Panel("timeline", "Timeline", "", clock.label, tuple(curves), rows=tuple(names), height=height)
+    panel = row_panel("timeline", "Timeline", clock.label, curves, names)
     return (drawn("timeline", "Time span of the files", (panel,)),)
 
 
@@ -122,21 +122,10 @@ def _imu(found: Checked) -> tuple[Section, ...]:
     if found.imu is None:
         return ()
     parts = []
-    for sensor, (unit, density) in _UNITS.items():
-        rows = tuple(
-            (
-                Quantity("axis", each.name, meaning=""),
-                Quantity("at_rest", each.at_rest, unit),
-                Quantity("noise", each.noise, density, meaning="white noise"),
-                Quantity("in_motion", each.in_motion, unit, meaning="noise in motion"),
-                Quantity("largest", each.largest, unit),
-                Quantity("resolution", each.resolution or None, unit),
-                Quantity("repeated", each.repeated, "%"),
-            )
-            for each in found.imu.axes
-            if each.name.startswith(sensor)
-        )
-        parts.append(Section(sensor, {"gyro": "Gyros", "accel": "Accelerometers"}[sensor], rows=rows, note=_BODY))
+    for sensor, title in (("gyro", "Gyros"), ("accel", "Accelerometers")):
+        own = [each for each in found.imu.axes if each.name.startswith(sensor)]
+        rows = tuple(of_table(f"check.{sensor}", each, resolution=each.resolution or None) for each in own)
+        parts.append(Section(sensor, title, rows=rows, note=_BODY))
     peaks = tuple(of_table("check.peak", each) for each in found.imu.peaks)
     step, time = found.imu.gravity_steps
     items = of_table(

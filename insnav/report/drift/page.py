@@ -14,9 +14,10 @@ from insnav.output.data_files import csv_text
 from insnav.quantity import Quantity
 from insnav.report.allan.page import noise_quantity
 from insnav.report.calibration.methods import bench_input, quality_section
-from insnav.report.page import DataFrame, Page, Section, by_warnings, drawn, of_table, only_json, rows_frame
+from insnav.report.page import DataFrame, Page, Section, by_warnings, drawn, only_json, rows_frame
 from insnav.report.panels import Curve, Kind, Panel
 from insnav.report.style import AXIS_COLOURS, BLACK, GREY, number
+from insnav.report.tables import of_section, of_table
 from insnav.result import Result
 from insnav.types import FloatArray
 from insnav.units import DEG, DEG_PER_H
@@ -136,12 +137,9 @@ def _curves(each: GyroDrift, name: str) -> Section:
         )
         for k, tau in enumerate(longest.tau)
     )
-    note = (
-        "before: as measured; corrected: drift model subtracted; smoothed: that after the filter; in brackets 95 %. "
-        f"{longest.tau[-1]:g} s out of {longest.n * longest.interval:g} s have "
-        f"{number(float(each.corrected.freedom[-1]), 2)} equivalent degrees of freedom"
-    )
-    return Section("allan", f"Allan deviation of {name} at rest", rows=rows, note=note)
+    freedom, length = number(float(each.corrected.freedom[-1]), 2), longest.n * longest.interval
+    values = {"name": name, "tau": longest.tau[-1], "length": length, "freedom": freedom}
+    return of_section("drift.allan", rows, values)
 
 
 def _coefficients(each: GyroDrift, name: str) -> Section:
@@ -151,27 +149,17 @@ def _coefficients(each: GyroDrift, name: str) -> Section:
         if known:
             found = (noise_quantity(term, one.value, interval=(one.low, one.high)) for term, one in known.items())
             rows.append((Quantity("rate", state, meaning="angular rate"), *found))
-    note = (
-        "sigma²(tau) = sum of A_m tau^m. An interval from 0: not significant. Intervals include the misfit of the sum. "
-        "Systematic drift and a smoothed gyro are no sums of these noises, see the deviations"
-    )
-    return Section("coefficients", f"Noise coefficients of {name}", rows=tuple(rows), note=note)
+    return of_section("drift.coefficients", rows, {"name": name})
 
 
 def _ramps(each: GyroDrift, name: str) -> Section:
-    rows = tuple(
-        (
-            Quantity("ramp", "recorded" if answer.measured else "computed, 0 to 10 r/min in 100 s"),
-            Quantity("slope", answer.slope / DEG, "deg/s^2"),
-            Quantity("lag", answer.lag, "s", sd=answer.lag_sd if answer.measured else None),
-            Quantity("lag_by_gain", each.smoother.lag, "s"),
-            Quantity("largest_error", answer.worst, "deg/s"),
-        )
-        for answer in (each.computed, each.recorded)
-        if answer is not None
-    )
-    note = "lag and error in the second half of the ramp, error also after it"
-    return Section("ramps", f"Rate ramp of {name}", rows=rows, note=note)
+    rows = []
+    for answer in filter(None, (each.computed, each.recorded)):
+        ramp = "recorded" if answer.measured else "computed, 0 to 10 r/min in 100 s"
+        lag = Quantity("lag", answer.lag, "s", sd=answer.lag_sd if answer.measured else None)
+        slope, *others = of_table("drift.ramp", answer, slope=answer.slope / DEG, lag_by_gain=each.smoother.lag)
+        rows.append((Quantity("ramp", ramp), slope, lag, *others))
+    return of_section("drift.ramps", rows, {"name": name})
 
 
 def rates_csv(found: DriftStudy) -> str:
@@ -217,21 +205,11 @@ def _panels(time: FloatArray, each: GyroDrift) -> tuple[Panel, Panel, Panel]:
     ramp = Curve(f"smoothed less true rate: lag {answer.lag:.3g} s", answer.time - answer.time[0], error, colour)
     kind = "recorded" if answer.measured else "computed"
     name = f"Gyro {axis}"
+    labels = f"{name}, Allan deviation", "deviation [deg/h]", "averaging time [s]"
     note = "corrected: drift model subtracted; smoothed: after the scalar Kalman filter"
     return (
         Panel(f"rest_{axis}", f"{name} at rest", "rate [deg/s]", "time [s]", rest, "rest", note),
-        Panel(
-            f"deviation_{axis}",
-            f"{name}, Allan deviation",
-            "deviation [deg/h]",
-            "averaging time [s]",
-            tuple(allan),
-            "tau",
-            "band: 95 %",
-            log="xy",
-            limits=limits,
-            height=240,
-        ),
+        Panel(f"deviation_{axis}", *labels, tuple(allan), "tau", "band: 95 %", log="xy", limits=limits, height=240),
         Panel(f"ramp_{axis}", f"{name}, {kind} ramp", "error [deg/s]", "time on the ramp [s]", (ramp,), "ramp"),
     )
 

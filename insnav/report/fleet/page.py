@@ -19,6 +19,7 @@ from insnav.quantity import Quantity, quantity_of
 from insnav.report.page import DataFrame, Light, Page, Section, Verdict, one_each, rows_frame
 from insnav.report.panels import Curve, Panel
 from insnav.report.style import BLUE, GREEN, VERMILLION
+from insnav.report.tables import of_table
 from insnav.result import Result
 from insnav.types import FloatArray
 
@@ -61,9 +62,7 @@ class Row:
             text for text in (f"{self.stands_out} stands out" * bool(self.stands_out), self.reason) if text
         )
         return (
-            Quantity("drive", self.drive.name),
-            Quantity("vehicle", self.drive.vehicle),
-            Quantity("result", phrase(f"light.{self.light}")),
+            *of_table("fleet.drive", self.drive, result=phrase(f"light.{self.light}")),
             *(Quantity(key, self.figures.get(key), unit, meaning=label) for key, _, unit, label in _FIGURES),
             Quantity("outlier", self.score or None, meaning="z-score", digits=2, mark="!" * bool(self.stands_out)),
             Quantity("reason", reason, meaning="why"),
@@ -194,11 +193,8 @@ def page(result: Result[tuple[Navigated, ...]]) -> Page:
         some = f"results of {count['attention']} of {total} drives need attention"
         reason = some if count["attention"] or out is None else f"{out.drive.name} stands out"
     kept = sum(row.drive.kept for row in rows)
-    why = ("exit_code", "code", "what", "where", "why", "fix")
     failed = [(row.drive.name, row.drive.failed) for row in rows if row.drive.failed is not None]
-    failures = tuple(
-        (Quantity("drive", name), *(Quantity(key, getattr(each, key)) for key in why)) for name, each in failed
-    )
+    failures = tuple(of_table("fleet.failure", each, drive=name) for name, each in failed)
     note = (
         f"outliers first; z-score: largest of error, sd, NIS and rejected fixes, against the fleet; ! beyond {OUTLIER}"
     )

@@ -9,7 +9,8 @@ from insnav.imu.library import PROVENANCE, Figure, Part
 from insnav.imu.specification import PRESETS, TERMS
 from insnav.messages import sentence
 from insnav.quantity import Quantity
-from insnav.report.page import DataFrame, Page, Section, of_table, one_each, only_json, rows_frame
+from insnav.report.page import DataFrame, Page, Section, one_each, only_json, rows_frame
+from insnav.report.tables import of_table
 from insnav.result import Result
 from insnav.units import HOUR, UNITS
 

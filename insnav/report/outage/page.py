@@ -17,9 +17,10 @@ from insnav.output.folder import RunFolder, read_facts
 from insnav.output.solution_tables import TableFormat, read_run_table, write_events, write_run_table
 from insnav.quantity import Quantity
 from insnav.report import page as layout
-from insnav.report.page import DataFrame, Light, Page, Section, Verdict, of_table
+from insnav.report.page import DataFrame, Light, Page, Section, Verdict
 from insnav.report.panels import Clock, Curve, Panel
 from insnav.report.style import BLACK, BLUE, GREY, VERMILLION, number
+from insnav.report.tables import of_table
 from insnav.result import Result
 from insnav.sample_statistics import rms
 from insnav.types import FloatArray
@@ -197,10 +198,7 @@ def _table(component: str, growth: Sequence[Growth]) -> Section:
 
 
 def write_files(result: Result[OutageStudy], folder: RunFolder, table_format: TableFormat) -> None:
-    """Write every epoch of every window.
-
-    `folder`: entered, not committed. `table_format` {"csv", "parquet"}.
-    """
+    """Write every epoch of every window. `folder`: entered, not committed. `table_format` {"csv", "parquet"}."""
     write_run_table(folder.directory, OutageEpochs.of(result.found.windows), table_format, "windows")
     write_events(folder.directory, result.findings)
 
@@ -251,17 +249,8 @@ def _panel(chosen: Sequence[Outage], sums: Sequence[Growth], name: str, columns:
     if len(known):
         texts = tuple(f"smoothed, {length:g} s: {number(value)} m RMS" for length, value in known)
         curves.append(Curve("smoothed, RMS", known[:, 0], known[:, 1], VERMILLION, "crosses", text=texts))
-    return Panel(
-        f"outage_{name}",
-        f"{name.capitalize()} error without GPS",
-        f"{name} error [m]",
-        "time without GPS [s]",
-        tuple(curves),
-        link="outage",
-        note=NOTE,
-        log="xy",
-        height=280,
-    )
+    labels = f"{name.capitalize()} error without GPS", f"{name} error [m]", "time without GPS [s]"
+    return Panel(f"outage_{name}", *labels, tuple(curves), "outage", NOTE, log="xy", height=280)
 
 
 def over_time(windows: Sequence[Outage], columns: tuple[int, ...]) -> tuple[FloatArray, FloatArray, FloatArray]:

@@ -18,9 +18,10 @@ from insnav.output.folder import RunFolder
 from insnav.output.solution_tables import TableFormat, write_events, write_run_table
 from insnav.output.track_files import write_kml
 from insnav.quantity import Quantity
-from insnav.report.page import DataFrame, Page, Section, Verdict, beside, drawn, of_table, only_json, rows_frame
+from insnav.report.page import DataFrame, Page, Section, Verdict, beside, drawn, only_json, rows_frame
 from insnav.report.panels import Clock, Curve, Kind, Panel, Shade, Track, over_time
 from insnav.report.style import AXIS_COLOURS, BLACK, BLUE, GREEN, GREY, NED, PURPLE, VERMILLION
+from insnav.report.tables import of_columns, of_section, of_table
 from insnav.result import Result
 from insnav.types import FloatArray
 from insnav.units import DEG, DEG_PER_H, UNITS
@@ -120,15 +121,10 @@ def _state(name: Integrator, run: PlatformRun) -> tuple[Quantity, ...]:
 
 
 def _differences(differences: Mapping[Integrator, TrajectoryErrors], *, to_reference: bool) -> Section:
-    rows = tuple(
-        (
-            Quantity("integrator", name),
-            Quantity("horizontal", float(each.horizontal.max()), "m", meaning="largest"),
-            Quantity("end", float(each.horizontal[-1]), "m", meaning="at the end"),
-            Quantity("velocity", float(np.nanmax(speed_of(each), initial=0.0)), "m/s", meaning="velocity, largest"),
-        )
-        for name, each in differences.items()
-    )
+    fastest = [float(np.nanmax(speed_of(each), initial=0.0)) for each in differences.values()]
+    sizes = [each.horizontal for each in differences.values()]
+    ends, largest = [float(each[-1]) for each in sizes], [float(each.max()) for each in sizes]
+    rows = of_columns("platform.difference", integrator=differences, horizontal=largest, end=ends, velocity=fastest)
     which = "the reference" if to_reference else "fourth order"
     key = f"largest_difference_to_{'reference' if to_reference else platform_errors.AGAINST}"
     note = "on a platform without errors" if to_reference else ""
@@ -230,8 +226,7 @@ def _periods(records: Mapping[str, FloatArray], time: FloatArray, lat: float, he
             mark = "" if value is None else f"({100.0 * (value / theory - 1.0):+.3f} %)"
             row.append(Quantity(name, None if value is None else value / UNITS[unit][1], digits=6, mark=mark))
         rows.append(tuple(row))
-    note = "found in the position error by least squares, amplitudes free; –: not observable"
-    return Section("periods", "Periods of the error", rows=tuple(rows), note=note)
+    return of_section("platform.periods", rows)
 
 
 def _known(orders: Sequence[Convergence]) -> Section:
@@ -250,9 +245,8 @@ def _flown(flight: Mapping[float, Sequence[TrajectoryErrors]]) -> Section:
             row.append(Quantity(f"position_{rate:g}_Hz", position, "m", meaning=f"{rate:g} Hz"))
             row.append(Quantity(f"velocity_{rate:g}_Hz", velocity, "m/s", meaning=f"{rate:g} Hz"))
         rows.append(tuple(row))
-    title = f"Largest error against truth in {platform_errors.FLIGHT / 60:g} min of {_MOTION}"
-    note = "position, and velocity; the motion has a closed form, the sensors are without error"
-    return Section("flight_largest_error", title, rows=tuple(rows), note=note, keyed=True)
+    values = {"duration": platform_errors.FLIGHT / 60, "motion": _MOTION}
+    return of_section("platform.flight", rows, values, keyed=True)
 
 
 def _day(rest: PlatformComparison, theory: StaticErrors) -> tuple[Section, ...]:
@@ -268,11 +262,8 @@ def _day(rest: PlatformComparison, theory: StaticErrors) -> tuple[Section, ...]:
             row.append(Quantity(name, span, "m", decimals=0, mark=mark))
         apart = float(np.abs(rest.platform[:, k] - rest.strapdown[:, k]).max())
         rows.append((*row, Quantity("apart", apart, "m", meaning="largest difference")))
-    note = "vertical channel off, height held"
-    return (
-        Section("", f"{platform_errors.DAY / 3600:g} h at rest", rows=tuple(rows), note=note),
-        only_json("day_largest_n_e", *largest),
-    )
+    table = of_section("platform.day", rows, {"duration": platform_errors.DAY / 3600})
+    return table, only_json("day_largest_n_e", *largest)
 
 
 def platform_track(study: PlatformStudy) -> Track:
@@ -374,16 +365,8 @@ def convergence_panel(found: Sequence[Convergence]) -> Panel:
         name, colour = f"{each.integrator}: order {each.order:.2f}", COLOURS[each.integrator]
         kind: Kind = "dashed" if each.integrator == "backward" else "line"  # on the line of forward
         curves += [Curve(name, each.step, each.error, colour, how) for how in (kind, "points")]
-    return Panel(
-        "sine",
-        "Order of convergence on y = sin t",
-        "largest error",
-        "step [s]",
-        tuple(curves),
-        note="of the integral from 0 to 5 s; the slope is the order",
-        log="xy",
-        height=300,
-    )
+    labels, note = ("Order of convergence on y = sin t", "largest error", "step [s]"), "of the integral from 0 to 5 s"
+    return Panel("sine", *labels, tuple(curves), note=f"{note}; the slope is the order", log="xy", height=300)
 
 
 def flight_panel(found: Mapping[float, Sequence[TrajectoryErrors]], motion: str) -> Panel:

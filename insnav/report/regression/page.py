@@ -22,8 +22,9 @@ from insnav.regression.regress import Regression
 from insnav.regression.verdict import ALPHA, CPU_FAILS_FROM, POWER, Change, Comparison, detectable_apart, interval
 from insnav.report.figures import drawing, save
 from insnav.report.html import page_html
-from insnav.report.page import DataFrame, Page, Section, Verdict, drawn, of_table, only_json, rows_frame, section_tables
+from insnav.report.page import DataFrame, Page, Section, Verdict, drawn, only_json, rows_frame, section_tables
 from insnav.report.regression import panels
+from insnav.report.tables import of_section, of_table
 from insnav.report.terminal import entry, hanging, table_text
 from insnav.result import Result
 from insnav.sample_statistics import rms
@@ -214,12 +215,9 @@ def _merits(found: Regression) -> tuple[Quantity, ...]:
 
 
 def _case(name: str, case: CaseResult) -> tuple[Quantity, ...]:
-    return (
-        Quantity("case", name),
-        Quantity("digest", case.digest),
-        Quantity("failures", {str(number): each.code if each else None for number, each in case.failures.items()}),
-        Quantity("values", {key: BY_KEY[key].typical(value) for key, value in case.measured.values.items()}),
-    )
+    failures = {str(number): each.code if each else None for number, each in case.failures.items()}
+    values = {key: BY_KEY[key].typical(value) for key, value in case.measured.values.items()}
+    return of_table("regression.case", case, case=name, failures=failures, values=values)
 
 
 def case_section(found: Regression) -> Section:
@@ -234,11 +232,7 @@ def case_section(found: Regression) -> Section:
         verdicts = [change.verdict for change in changes if change.case == name]
         counts = (Quantity(each, verdicts.count(each) if verdicts else None) for each in ("better", "same", "worse"))
         rows.append((Quantity("case", name), *cells, *counts))
-    note = (
-        "RMS over all drives (seeds) of a case, all pieces or outages of a recorded drive, as in the plots. The test "
-        "of a change uses logarithms, so one bad drive does not dominate"
-    )
-    return Section("", "Accuracy, and figures that changed", rows=tuple(rows), note=note)
+    return of_section("regression.accuracy", rows)
 
 
 def change_text(change: Change) -> str:
@@ -266,13 +260,7 @@ def power_section(baseline: Baseline) -> Section:
             row = Quantity("case", name), Quantity("metric", key, meaning=BY_KEY[key].label)
             drives = Quantity("drives", known.size, meaning="pieces" if case.pieces else "drives")
             rows.append((*row, drives, Quantity("detectable", least if least <= UNDETECTABLE else None, "%")))
-    return Section(
-        "power",
-        f"Smallest change of each figure that is found in {100 * POWER:g} % of all cases",
-        rows=tuple(rows),
-        note="by the scatter of the drives, with independent errors of both versions. This is an upper limit, since "
-        f"equal seeds make most errors alike. –: more than tenfold. Level {ALPHA:g} over all figures together",
-    )
+    return of_section("regression.power", rows, {"power": 100 * POWER, "level": ALPHA})
 
 
 def power_lines(baseline: Baseline) -> list[str]:

@@ -12,9 +12,10 @@ from insnav.errors.requirement.allocation import STEEP, TAU, Share
 from insnav.errors.requirement.study import FIELD_FACTOR, LIMITS, NINE_POSITION, Candidate, RequirementStudy
 from insnav.findings import Code, Finding
 from insnav.quantity import Quantity
-from insnav.report.page import DataFrame, Page, Section, Verdict, by_warnings, drawn, of_table, only_json, rows_frame
-from insnav.report.panels import Curve, Panel, bars
+from insnav.report.page import DataFrame, Page, Section, Verdict, by_warnings, drawn, only_json, rows_frame
+from insnav.report.panels import Curve, Panel, bars, row_panel
 from insnav.report.style import BLACK, BLUE, GREEN, GREY, ORANGE, PURPLE, SKY, VERMILLION, number
+from insnav.report.tables import of_section, of_table
 from insnav.result import Result
 from insnav.types import FloatArray
 from insnav.units import UNITS, shown_unit
@@ -130,7 +131,7 @@ def _parts(study: RequirementStudy) -> tuple[Section, ...]:
 
 def _part(study: RequirementStudy, each: Candidate) -> tuple[Quantity, ...]:
     limit = study.required.error
-    row = [Quantity("part", each.name), Quantity("class", each.grade), Quantity("source", each.provenance)]
+    row = [*of_table("requirement.part", each)]
     for key, label, found in (("alone", "alone", each.alone), ("nhc", "NHC", each.nhc)):
         row += [
             Quantity(f"{key}_error", found.error, "m", meaning=f"{label}: error"),
@@ -160,42 +161,31 @@ def _example(study: RequirementStudy) -> tuple[Section, ...]:
         (Quantity("source", name, meaning="error when GPS ends"), Quantity("share", value, "%"))
         for name, value in sorted(study.shares.items(), key=lambda item: -item[1])
     )
-    title = f"Errors at the end of GPS, {study.example}: Shapley effects"
-    note = "share of the variance with correlations shared fairly (Owen 2014; Song, Nelson and Staum 2016)"
+    imu = {"imu": study.example}
     return (
-        Section("remedies", f"Measures that help {study.example}", rows=helps),
-        Section("elasticity", f"Effect of each figure of {study.example}", rows=halves, show="page", folded=True),
-        Section("shapley", title, rows=shares, show="page", folded=True, note=note),
+        of_section("requirement.remedy", helps, imu),
+        of_section("requirement.elasticity", halves, imu, show="page", folded=True),
+        of_section("requirement.shapley", shares, imu, show="page", folded=True),
     )
 
 
 def _rows(study: RequirementStudy) -> tuple[tuple[Quantity, ...], ...]:
-    feasible = study.allocation.feasible
-    return tuple(
-        (
-            Quantity("family", share.family, meaning="error"),
-            Quantity("alone", share.alone, share.unit),
-            Quantity("in_set", share.size if share.given or feasible else None, share.unit, meaning="in the set"),
-            Quantity("share", share.part, "%", meaning="share of the variance"),
-            Quantity("note", "given" if share.given else "hardly acts" if share.capped else ""),
-        )
-        for share in study.allocation.shares
-    )
+    rows = []
+    for share in study.allocation.shares:
+        size = share.size if share.given or study.allocation.feasible else None
+        note = "given" if share.given else "hardly acts" if share.capped else ""
+        rows.append(of_table("requirement.share", share, in_set=size, note=note))
+    return tuple(rows)
 
 
 def _verification(study: RequirementStudy) -> tuple[tuple[Quantity, ...], ...]:
-    wanted = study.required.probability
-    return tuple(
-        (
-            Quantity("set", f"{each.factor:g} x the set"),
-            Quantity("runs", each.runs),
-            Quantity("within", each.within, meaning="within the limit"),
-            Quantity("probability", each.within / each.runs, interval=each.interval, meaning="probability (95 %)"),
-            Quantity("error", each.error, "m", meaning=f"{100 * wanted:g} % error"),
-            Quantity("meets", each.meets(wanted), meaning=f"agrees with {100 * wanted:g} %"),
-        )
-        for each in study.verified
-    )
+    wanted, rows = study.required.probability, []
+    for each in study.verified:
+        which, share = f"{each.factor:g} x the set", each.within / each.runs
+        error = Quantity("error", each.error, "m", meaning=f"{100 * wanted:g} % error")
+        meets = Quantity("meets", each.meets(wanted), meaning=f"agrees with {100 * wanted:g} %")
+        rows.append((*of_table("requirement.run", each, set=which, probability=share), error, meets))
+    return tuple(rows)
 
 
 def summary(study: RequirementStudy) -> tuple[str, ...]:
@@ -293,17 +283,8 @@ def part_panels(study: RequirementStudy) -> Iterator[Panel]:
         ]
         text = (f"required: {required.error:g} m after {required.after:g} s",)
         curves.append(Curve("requirement", x, y, BLACK, "points", text=text))
-        yield Panel(
-            f"parts_{kind}",
-            f"Error over time, {title}",
-            label,
-            "time without GPS [s]",
-            tuple(curves),
-            "parts",
-            log="y",
-            levels=((required.error, "limit"),),
-            height=330,
-        )
+        labels, levels = (f"Error over time, {title}", label, "time without GPS [s]"), ((required.error, "limit"),)
+        yield Panel(f"parts_{kind}", *labels, tuple(curves), "parts", log="y", levels=levels, height=330)
 
 
 def _error(each: Candidate, kind: str) -> FloatArray:
@@ -328,7 +309,7 @@ def allocation_panel(study: RequirementStudy) -> Panel:
         texts = [f"{e.family}: {_size(e.size, e)} in the set, {_size(e.alone, e)} alone" for e in shares]
     colours = {"halved": BLUE, "of the set": BLUE, "given": ORANGE, "hardly acts": GREY}
     curves = bars(kinds, colours, np.zeros(len(rows)), np.array(part), texts)
-    return Panel("allocation", title, "", label, tuple(curves), rows=tuple(rows), height=80 + 24 * len(rows))
+    return row_panel("allocation", title, label, curves, rows)
 
 
 def _size(value: float, share: Share) -> str:

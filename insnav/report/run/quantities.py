@@ -14,9 +14,10 @@ from insnav.errors.reference_check import ReferenceOffset
 from insnav.filter.noise_estimate import NoiseEstimate
 from insnav.findings import Code, of_code
 from insnav.quantity import Quantity, quantity_of
-from insnav.report.page import Section, drawn, of_table, one_each, only_json
+from insnav.report.page import Section, drawn, one_each, only_json
 from insnav.report.panels import Curve, Panel
 from insnav.report.style import BLACK, BLUE, GREY, ORANGE, VERMILLION
+from insnav.report.tables import of_table
 from insnav.sample_statistics import rms, rms_length
 from insnav.types import Alignment, BoolArray, FloatArray, Run, SensorErrors, Trajectory
 
@@ -157,20 +158,10 @@ def noise_section(found: NoiseEstimate | Tuned) -> Section:
 
 def alignment_items(alignment: Alignment) -> tuple[Quantity, ...]:
     """Build the quantities of an alignment."""
-    roll, pitch, heading = alignment.rph
-    sd_north, sd_east, sd_down = alignment.sd
-    return (
-        Quantity("time", alignment.time, "s", decimals=1),
-        Quantity("roll", roll, "deg"),
-        Quantity("pitch", pitch, "deg"),
-        Quantity("tilt_north_sd", sd_north, "deg", meaning="sd of the tilt about north"),
-        Quantity("tilt_east_sd", sd_east, "deg", meaning="sd of the tilt about east"),
-        Quantity("heading", heading % (2.0 * np.pi), "deg", sd=sd_down),
-        Quantity("static", alignment.static, "s", meaning="stationary from, to", decimals=1),
-        Quantity("level_method", alignment.level_method),
-        Quantity("heading_method", alignment.heading_method),
-        Quantity("gyro_bias", alignment.gyro_bias, "deg/h", sd=alignment.gyro_bias_sd),
-    )
+    (roll, pitch, heading), (north, east, down) = alignment.rph, alignment.sd
+    time, *level = of_table("run.level", alignment, roll=roll, pitch=pitch, tilt_north_sd=north, tilt_east_sd=east)
+    turned = Quantity("heading", heading % (2.0 * np.pi), "deg", sd=down)
+    return (time, *level, turned, *of_table("run.alignment", alignment))
 
 
 def _solution(solution: Trajectory) -> Section:
@@ -178,47 +169,23 @@ def _solution(solution: Trajectory) -> Section:
     rows = Quantity("rows", len(time))
     if len(time) == 0:
         return Section("solution", "Solution", (rows,))
-    step = np.diff(time)
-    distance, moving, fastest = travelled(solution)
-    return Section(
-        "solution",
-        "Solution",
-        (
-            rows,
-            Quantity("start", time[0], "s", decimals=1),
-            Quantity("end", time[-1], "s", decimals=1),
-            Quantity("duration", time[-1] - time[0], "s", decimals=1),
-            Quantity("rate", 1.0 / float(np.median(step)) if len(step) else None, "Hz"),
-            Quantity("distance", distance, "m"),
-            Quantity("moving", moving, "s", meaning="in motion", decimals=1),
-            Quantity("max_speed", fastest, "m/s"),
-            Quantity("horizontal_sd", None if solution.sd is None else rms_length(solution.sd[:, :2]), "m"),
-        ),
-        parts=tuple(
-            Section(name, f"State at the {name}", _state(solution, row)) for name, row in (("start", 0), ("end", -1))
-        ),
-        show="page",
-    )
+    extent = {"start": time[0], "end": time[-1], "duration": time[-1] - time[0]}
+    extent |= dict(zip(("distance", "moving", "max_speed"), travelled(solution), strict=True))
+    rate = 1.0 / float(np.median(np.diff(time))) if len(time) > 1 else None
+    sd = None if solution.sd is None else rms_length(solution.sd[:, :2])
+    parts = (Section(name, f"State at the {name}", _state(solution, row)) for name, row in (("start", 0), ("end", -1)))
+    items = (rows, *of_table("run.solution", **extent, rate=rate, horizontal_sd=sd))
+    return Section("solution", "Solution", items, parts=tuple(parts), show="page")
 
 
 def _state(solution: Trajectory, row: int) -> tuple[Quantity, ...]:
-    (lat, lon, height), v_n, rph = solution.lla[row], solution.v_n[row], solution.rph[row]
-    state = (
-        Quantity("lat", lat, "deg", decimals=7),
-        Quantity("lon", lon, "deg", decimals=7),
-        Quantity("height", height, "m", decimals=2),
-        *(Quantity(name, float(v), "m/s") for name, v in zip(("vn", "ve", "vd"), v_n, strict=True)),
-        *(Quantity(name, float(a), "deg") for name, a in zip(("roll", "pitch", "heading"), rph, strict=True)),
-    )
+    values = [float(x) for x in (*solution.lla[row], *solution.v_n[row], *solution.rph[row])]
+    names = ("lat", "lon", "height", "vn", "ve", "vd", "roll", "pitch", "heading")
+    state = of_table("run.state", **dict(zip(names, values, strict=True)))
     if solution.sd is None:
         return state
-    sd = solution.sd[row]
-    return (
-        *state,
-        Quantity("position_sd", sd[0:3], "m"),
-        Quantity("velocity_sd", sd[3:6], "m/s"),
-        Quantity("attitude_sd", sd[6:9], "deg"),
-    )
+    position, velocity, attitude = np.split(solution.sd[row], 3)
+    return (*state, *of_table("run.state_sd", position_sd=position, velocity_sd=velocity, attitude_sd=attitude))
 
 
 def _fixes(run: Run) -> Section:
@@ -260,27 +227,13 @@ def _innovations(innovation: FloatArray, used: BoolArray, unit: str, nis: float 
     known = np.isfinite(innovation)
     processed = known.any(axis=1)
     counted = np.where(known & used[:, None], innovation, np.nan)
-    return (
-        Quantity("processed", int(processed.sum())),
-        Quantity("accepted", int((processed & used).sum())),
-        Quantity("rejected", int((processed & ~used).sum())),
-        Quantity("nis_mean_per_axis", nis, meaning="mean NIS per axis"),
-        Quantity("innovation_rms", [rms(each) for each in counted.T], unit, meaning="innovation RMS N, E, D"),
-    )
+    sizes = Quantity("innovation_rms", [rms(each) for each in counted.T], unit, meaning="innovation RMS N, E, D")
+    count = {"accepted": int((processed & used).sum()), "rejected": int((processed & ~used).sum())}
+    return (*of_table("run.fixes", processed=int(processed.sum()), **count, nis_mean_per_axis=nis), sizes)
 
 
 def _aiding(run: Run) -> Section:
-    rows = [
-        (
-            Quantity("name", use.name, meaning="aiding"),
-            Quantity("processed", use.processed),
-            Quantity("rejected", use.rejected),
-            Quantity("innovation_rms", use.innovation_rms, use.unit, meaning="innovation RMS"),
-            Quantity("nis", use.nis, meaning="mean NIS"),
-        )
-        for use in run.aiding
-    ]
-    return Section("aiding", "Aiding besides GPS", rows=tuple(rows))
+    return Section("aiding", "Aiding besides GPS", rows=tuple(of_table("run.aiding", use) for use in run.aiding))
 
 
 def _sensor_errors(sensor_errors: SensorErrors) -> tuple[Quantity, ...]:
@@ -317,9 +270,7 @@ def _reference_offset(found: ReferenceOffset) -> Section:
     items = (
         Quantity("forward", found.body[0], "m", sd=found.body_sd[0], meaning="point of the reference, forward"),
         Quantity("right", found.body[1], "m", sd=found.body_sd[1], meaning="point of the reference, right"),
-        Quantity("horizontal_rms", found.horizontal_rms, "m", meaning="horizontal RMS difference as it is"),
-        Quantity("horizontal_rms_without", found.horizontal_rms_without, "m", meaning="the same with that point moved"),
-        Quantity("down", found.down, "m", meaning="mean height difference, positive: reference higher"),
+        *of_table("run.reference_offset", found),
     )
     note = "From the errors themselves; the accuracy above is not corrected by it."
     return Section("reference_offset", "Point and height of the reference", items, note=note)

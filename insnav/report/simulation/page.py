@@ -25,11 +25,12 @@ from insnav.messages import sentence
 from insnav.output.data_files import write_data, write_table
 from insnav.output.folder import RunFolder
 from insnav.quantity import Quantity, key_suffix
-from insnav.report.page import Light, Page, Section, Verdict, beside, drawn, of_table, only_json
+from insnav.report.page import Light, Page, Section, Verdict, beside, drawn, only_json
 from insnav.report.panels import Clock, Curve, Panel, Shade, Track, broken_at_gaps, over_time, wrapped
 from insnav.report.run.panels import GROUPS as ERRORS
 from insnav.report.save import imu_model, json_ready, section_facts, versions, write_page
 from insnav.report.style import AXIS_COLOURS, BLUE, GREEN, GREY, ORANGE, VERMILLION, number
+from insnav.report.tables import of_table
 from insnav.report.terminal import entry
 from insnav.session.simulation import IDEAL, Plan
 from insnav.simulate.montecarlo import Runs
@@ -61,10 +62,7 @@ _UNITS = tuple(unit for _, unit in _COMPONENTS)
 
 
 def write_recording(folder: RunFolder, plan: Plan, made: Recording) -> tuple[Path, Page]:
-    """Write a simulated recording and commit its folder.
-
-    `folder`: entered, not committed.
-    """
+    """Write a simulated recording and commit its folder. `folder`: entered, not committed."""
     write_data(folder.path("imu.csv"), made.imu)
     write_data(folder.path("gps.csv"), made.gps)
     write_data(folder.path("ref.csv"), made.reference)
@@ -167,10 +165,7 @@ def plan_key(plan: Plan) -> str:
 
 
 def write_sketches(folder: RunFolder, profiles: Sequence[MotionProfile]) -> Path:
-    """Draw a sketch of every profile into a folder and commit it.
-
-    `folder`: entered, not committed.
-    """
+    """Draw a sketch of every profile into a folder and commit it. `folder`: entered, not committed."""
     rows = tuple(of_table("simulation.profile", each) for each in profiles)
     sketches = tuple(_sketch(each) for each in profiles)
     return write_page(folder, Page("Motion profiles", (), (Section("profiles", rows=rows), *sketches)))
@@ -257,24 +252,12 @@ def motion_section(plan: Plan, time: FloatArray, motion: Kinematics) -> Section:
     lat, lon, height = plan.truth.evaluate(np.array([plan.truth.start])).lla[0]
     heights = np.array([motion.lla[:, 2].min(), motion.lla[:, 2].max()])
     rate, force = (np.abs(values).max(axis=0) for values in (motion.w_ib_b, motion.f_b))
-    shown = (
-        Quantity("duration", plan.truth.duration, "s", decimals=1),
-        Quantity("distance", track_length(time, motion), "m", digits=4),
-        Quantity("max_speed", float(np.linalg.norm(motion.v_n, axis=1).max()), "m/s", meaning="largest speed"),
-        Quantity("height_range", heights, "m", meaning="height, from and to", decimals=1),
-        Quantity("max_rate", rate, "deg/s", meaning="largest rate x, y, z"),
-        Quantity("max_specific_force", force, "m/s^2", meaning="largest specific force x, y, z"),
-    )
-    more = (
-        Quantity("name", plan.motion.name),
-        Quantity("purpose", plan.motion.purpose),
-        *(Quantity(key, value) for key, value in plan.motion.source.items()),
-        Quantity("start", plan.truth.start, "s"),
-        Quantity("gravity", plan.truth.gravity),
-        Quantity("start_lat", float(lat), "deg"),
-        Quantity("start_lon", float(lon), "deg"),
-        Quantity("start_height", float(height), "m"),
-    )
+    speed, length = float(np.linalg.norm(motion.v_n, axis=1).max()), track_length(time, motion)
+    sizes = {"distance": length, "max_speed": speed, "max_rate": rate, "max_specific_force": force}
+    shown = of_table("simulation.motion", plan.truth, height_range=heights, **sizes)
+    place = of_table("simulation.start", plan.truth, start_lat=lat, start_lon=lon, start_height=height)
+    source = (Quantity(key, value) for key, value in plan.motion.source.items())
+    more = (Quantity("name", plan.motion.name), Quantity("purpose", plan.motion.purpose), *source, *place)
     parts = [only_json("", *more)]
     if (apart := plan.motion.residual) is not None:
         doubts = only_json("", Quantity("doubts", tuple(sentence(each, "en") for each in apart.doubts)))
@@ -359,16 +342,9 @@ def ensemble_page(plan: Plan, found: Ensemble, runs: Runs) -> Page:
     failed = tuple(failures_of(runs))
     failures = tuple(of_table("simulation.failure", each) for each in runs.failures)
     parts = (Section("failed", rows=failures, show="json"), _errors(found))
-    items = (
-        Quantity("runs", len(runs.number)),
-        Quantity("rms_horizontal", {"mean": mean, "largest": worst}, "m"),
-        Quantity("nees_per_axis", nees, meaning="NEES per axis"),
-        Quantity("nees_inside_band", inside_band, meaning="share inside the band"),
-        Quantity("nees_band", BAND, meaning="probability of the band", digits=2),
-        Quantity("fixes", positions),
-        Quantity("rejected", rejected),
-        Quantity("resets", resets),
-    )
+    sizes = {"rms_horizontal": {"mean": mean, "largest": worst}, "nees_per_axis": nees, "nees_band": BAND}
+    counts = {"runs": len(runs.number), "fixes": positions, "rejected": rejected, "resets": resets}
+    items = of_table("simulation.ensemble", **sizes, nees_inside_band=inside_band, **counts)
     inside_text = ", ".join(f"{name} {number(nees[name])} ({100.0 * part:.0f} %)" for name, part in inside_band.items())
     count, imu = len(runs.number), model_name(plan.imu)
     drawings = [drawn("ensemble", f"RMS error and stated sd of {count} runs", ensemble_panels(found), columns=3)]
@@ -446,17 +422,12 @@ def correlation_notes(gps: GpsSpec | None, nees: Mapping[str, float]) -> tuple[F
 
 
 def _errors(found: Ensemble) -> Section:
-    rms, sd = (np.sqrt(np.mean(value**2, axis=0)) for value in (found.rms, found.sd))
-    rows = tuple(
-        (
-            Quantity("component", name),
-            Quantity("rms", float(rms[i]), unit, meaning="RMS error"),
-            Quantity("stated_sd", float(sd[i]), unit),
-            Quantity("ratio", float(rms[i] / sd[i]) if sd[i] else None),
-        )
-        for i, (name, unit) in enumerate(zip(COMPONENTS, _UNITS, strict=True))
-    )
-    return Section("errors", "Errors over all runs and times", rows=rows, keyed=True)
+    rows, sizes = [], (np.sqrt(np.mean(value**2, axis=0)).tolist() for value in (found.rms, found.sd))
+    for name, unit, rms, sd in zip(COMPONENTS, _UNITS, *sizes, strict=True):
+        error = Quantity("rms", rms, unit, meaning="RMS error")
+        ratio = Quantity("ratio", rms / sd if sd else None)
+        rows.append((Quantity("component", name), error, Quantity("stated_sd", sd, unit), ratio))
+    return Section("errors", "Errors over all runs and times", rows=tuple(rows), keyed=True)
 
 
 def _rows(runs: Runs) -> dict[str, FloatArray | IntArray]:

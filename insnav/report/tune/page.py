@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from insnav.fleet.tuning import Tuned
 from insnav.imu.imu_file import to_toml
-from insnav.quantity import Quantity
 from insnav.report.page import DataFrame, Page, rows_frame
 from insnav.report.run.quantities import noise_section
+from insnav.report.tables import of_table
 from insnav.result import Result
 from insnav.units import UNITS
 
@@ -25,13 +25,9 @@ def texts(result: Result[Tuned]) -> dict[str, str]:
 
 def frame(result: Result[Tuned]) -> DataFrame:
     """Build a table of noise parameters, one row each, with prior and 95 % interval."""
-    sizes = ((each, UNITS[each.unit][1] if each.unit else 1.0) for each in result.found.figures)
-    return rows_frame(
-        (
-            Quantity("figure", each.key),
-            Quantity("unit", each.unit),
-            *(Quantity(name, getattr(each, name) / size) for name in ("prior", "value", "low", "high")),
-            Quantity("observable", each.observable),
-        )
-        for each, size in sizes
-    )
+    rows = []
+    for each in result.found.figures:
+        size = UNITS[each.unit][1] if each.unit else 1.0
+        values = {name: getattr(each, name) / size for name in ("prior", "value", "low", "high")}
+        rows.append(of_table("tune.figure", each, **values))
+    return rows_frame(rows)

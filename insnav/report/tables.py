@@ -1,0 +1,55 @@
+"""Quantities of tables, with units, labels and precision from ``tables.toml``."""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Iterable, Mapping
+from functools import cache
+from operator import attrgetter
+from pathlib import Path
+from typing import Any
+
+from insnav.quantity import Quantity
+from insnav.report.page import Section
+
+
+@cache
+def _tables() -> dict[str, dict[str, dict[str, Any]]]:
+    return tomllib.loads(Path(__file__).with_name("tables.toml").read_text(encoding="utf-8"))
+
+
+def of_table(name: str, found: object = None, /, **values: Any) -> tuple[Quantity, ...]:
+    """Build the quantities of one row, or single ones, with units, labels and precision from ``tables.toml``.
+
+    `name`: of the table, such as ``check.gps``. `found`: has the values as attributes, except `values` by key.
+    """
+    kind, part = name.split(".")
+    columns = ((key, column) for key, column in _tables()[kind][part].items() if isinstance(column, dict))
+    return tuple(_of_column(key, column, found, values) for key, column in columns)
+
+
+def of_section(
+    name: str, rows: Iterable[tuple[Quantity, ...]], values: Mapping[str, Any] | None = None, **how: Any
+) -> Section:
+    """Build the section of a table, with its key, title and note from ``tables.toml``.
+
+    `name`: such as ``drift.ramps``. `values`: that its title and note contain. `how`: other fields of the section.
+    """
+    kind, part = name.split(".")
+    about = {"key": part, "title": "", "note": ""} | _tables()[kind][part]
+    title, note = (str(about[text]).format(**(values or {})) for text in ("title", "note"))
+    return Section(str(about["key"]), title, rows=tuple(rows), note=note, **how)
+
+
+def of_columns(name: str, **columns: Iterable[Any]) -> tuple[tuple[Quantity, ...], ...]:
+    """Build the rows of a table from its columns, which have one value a row; see `of_table`."""
+    rows = zip(*columns.values(), strict=False)  # a constant column may repeat for ever
+    return tuple(of_table(name, **dict(zip(columns, row, strict=True))) for row in rows)
+
+
+def _of_column(key: str, column: Mapping[str, Any], found: object, values: Mapping[str, Any]) -> Quantity:
+    value = values[key] if key in values else attrgetter(column.get("of", key))(found)
+    how = {name: column[name] for name in ("unit", "meaning", "digits", "decimals") if name in column}
+    how |= {name: attrgetter(*column[name].split())(found) for name in ("sd", "interval") if name in column}
+    how |= {"unit": attrgetter(column["unit_of"])(found)} if "unit_of" in column else {}
+    return Quantity(key, value, **how)
