@@ -123,8 +123,8 @@ def _contradictions(
     )
 
 
-# Cost of fixes, twice the negative log-likelihood: of an unused fix, and additional cost of each run of unused fixes of
-# any length, as false fixes come in runs [-]. From `FALSE_FROM` on the cost grows logarithmically.
+# Cost of an unused fix, and additional cost of each run of unused fixes, as false fixes come in runs [-]. Costs are
+# twice the negative log-likelihood. From `FALSE_FROM` on the cost grows logarithmically.
 UNUSED, EPISODE = 10.0, 30.0
 
 

@@ -167,7 +167,7 @@ def initial_state(
 
 @dataclass(frozen=True, slots=True)
 class StateBlock:
-    """Group of states after those of `insnav.kernels.errorstate`, or known values in their place.
+    """Group of states that follow `insnav.kernels.errorstate`, or known values in their place.
 
     The derivatives of a fix by these states are in `insnav.kernels.measurements.assess`.
     """

@@ -140,7 +140,7 @@ class Estimate:
 
     `all` is the array of all estimates, see `insnav.kernels.epoch`. Parts of it: `x`, `correction`, `motion`, `shaken`,
     `lever` (3,) [m] and `delay` [s]. `doubt` limits the certainty of the delay, see there. `at` holds the state
-    indices, `places` those of the further blocks. `span` (1,): time since the last epoch [s]. `history`:
+    indices, `places` the table of the further blocks. `span` (1,): time since the last epoch [s]. `history`:
     for the smoother. `note` records an event. `coast`: longest time between filter epochs [s].
     """
 

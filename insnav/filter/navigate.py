@@ -174,7 +174,7 @@ def _add_aiding(ready: FilterInput, run: Run, spec: ImuSpec) -> tuple[FilterInpu
 def _doubt_stops(
     ready: FilterInput, run: Run, notes: tuple[Finding, ...]
 ) -> tuple[FilterInput, Run, tuple[Finding, ...]]:
-    """Drop the stops in gaps of the fixes if the fixes are likelier without: a creeping vehicle may hardly vibrate."""
+    """Drop stops in gaps of the fixes if this makes the fixes more likely: a creeping vehicle may hardly vibrate."""
     aiding = ready.aiding.measurements or ()
     zupt = next((each for each in aiding if isinstance(each, ZeroVelocity)), None)
     if zupt is None:
