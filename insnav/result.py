@@ -138,13 +138,13 @@ class Result(Generic[F]):
         with RunFolder(Path(folder), force=force) as place:
             return cast(Path, _save.save_result(self, place, figures=figures, table_format=table_format))
 
-    def plot(self, name: str) -> Figure:
+    def plot(self, name: str = "") -> Figure:
         """Draw one figure of the page.
 
         Parameters
         ----------
         name : str
-            Such as ``position_error`` or ``track``.
+            Such as ``position_error`` or ``track``; by default the first figure.
 
         Returns
         -------

@@ -201,7 +201,7 @@ def spans(imu: ImuData) -> list[slice]:
 
 def first_stationary(imu: ImuData, gps: GpsData) -> tuple[float, float] | None:
     """Find the first stationary interval by IMU and GPS: start and end [s], or None."""
-    gps = _resting(imu, _without_false_start(good_fixes(with_sd(gps)[0])))
+    gps = _resting(imu, _without_false_start(good_fixes(gps)))
     return stationary_of(strapdown.intervals(_first_part(imu, gps), strapdown.nominal_interval(imu.time)), gps)
 
 

@@ -34,6 +34,7 @@ from insnav.config_file import Axes, Table, axes, read_toml, refuse, scalar, val
 from insnav.earth import lla_offset
 from insnav.exceptions import ConfigError, InputError
 from insnav.filter.gates import Gates
+from insnav.filter.gps_noise import with_sd
 from insnav.filter.prepare import first_stationary
 from insnav.filter.receiver import DELAY_SD, Delay, LeverArm, Receiver
 from insnav.imu import ImuSpec, identify, load_imu
@@ -280,7 +281,7 @@ class RecordedSource:
     def _model(self) -> ImuSpec:
         if self._case.imu != AT_REST:
             return load_imu(self._case.model(self._case.imu))
-        rest = first_stationary(self._imu, self._gps)
+        rest = first_stationary(self._imu, with_sd(self._gps)[0])
         if rest is None:
             raise InputError("regress.never_stationary", where=self._case.name)
         return identify(self._imu, *rest)[0]

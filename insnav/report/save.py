@@ -200,6 +200,7 @@ def _room(kind: str) -> ModuleType:
 def figure(result: Result[Any], name: str) -> Figure:
     """Draw one figure of a result by its name; see `insnav.result.Result.plot`."""
     figures = {each.name: each.draw for each in page_of(result).figures}
+    name = name or next(iter(figures), "")
     if name not in figures:
         raise ConfigError("report.no_figure", name=name, known=tuple(figures))
     from insnav.report.figures import drawing

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import ast
-from dataclasses import replace
+from dataclasses import fields, replace
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +12,10 @@ import pytest
 import insnav
 from insnav import steps
 from insnav.exceptions import InputError
-from insnav.steps import LOAD, STEPS
+from insnav.filter.filter_input import FilterInput
+from insnav.findings import Code, Finding, of_code
+from insnav.steps import LOAD, STEPS, Estimate
+from insnav.steps.check_given import check_given
 from insnav.steps.clean import clean
 from tests.refusals import refused
 
@@ -60,6 +63,20 @@ def test_a_step_leaves_what_it_was_given_as_it_was(drive: insnav.Drive) -> None:
     np.testing.assert_array_equal(drive.imu.data.time, before)
     again, once = aligned.until("noise").model.filter_imu, drive.until("noise").model.filter_imu
     np.testing.assert_array_equal(again.gyro.bias, once.gyro.bias)
+
+
+def test_estimates_are_in_the_model_and_findings_with_the_steps(drive: insnav.Drive) -> None:
+    """The input of the filter carried noise, notes, faults and clock from step to step."""
+    assert not {each.name for each in fields(FilterInput)} & {"noise", "notes", "faults", "findings", "clock", "rate"}
+    done = insnav.load(drive.imu.data, gps=drive.gps.data).until("navigate")
+    model = done.model
+    assert (model.noise is not None, model.clock.source) == (True, "data")
+    assert {*model.findings} <= {finding for step in done.steps for finding in step.findings}
+    change = Finding.of(Code.CHANGE_GYRO_BIAS, 100.0)
+    changed = replace(model.solved, run=replace(model.solved.run, events=(change,)))
+    assumed = replace(model, mounting_yaw=Estimate(0.0, 0.0, "prior"), solved=changed)
+    (doubt,) = of_code(check_given(done.recording, assumed)[2], Code.MOUNTING_DOUBTED)
+    assert doubt["count"] == 1  # faults are events of the run: they were counted twice
 
 
 def test_arithmetic_that_fails_names_the_data(drive: insnav.Drive) -> None:
