@@ -35,7 +35,6 @@ LEVELLING = 30.0  # time constant of the gravity estimate, longer than accelerat
 PASSES = 3  # each pass reduces the effect of gyro bias on gravity to a tenth in five minutes
 LONG = 8.0 * LEVELLING  # longer records can omit their beginning [s]
 SLOW = 0.8  # below this speed the GPS course is noise [m/s]
-MOVES = 0.1  # least RMS of turns or accelerations that shows motion [rad/s], [m/s^2]
 SHORTEST = 20.0  # least overlap of the records [s]
 SHOWN = 0.3  # correlation of turns or accelerations that proves an offset [-]
 SHARE = 0.3  # and least share of the shorter record
@@ -61,7 +60,6 @@ ALIKE, UNLIKE = 0.6, 0.4  # correlation of significant motion: same drive above,
 LONG_ENOUGH = 60.0  # least common time to detect different drives [s]
 AS_IS = 3.0  # smaller offsets are a delay [s]
 DENSE = 6.0  # longer intervals may contain full circles: a flight with a fix every 10 s has r = 0.3 [s]
-BEYOND = 1.5  # fixes with more acceleration than this multiple of any sample are false
 NOISE = 2.0  # fixes with more than this multiple of the samples' RMS are noise, whatever their sd
 # Least refined correlation of turns or accelerations for an offset. If the correlation of accelerations is below minus
 # this value, it contradicts the turns: gravity was estimated in a banked turn [-]
@@ -282,8 +280,7 @@ def _compared(
     at = np.round((gps[0] - imu[0]) / STEP).astype(int) + np.arange(m)
     within = (at >= 0) & (at < n)
     for i, (x, mx, y, my) in enumerate(zip(imu[1], imu[2], gps[1], gps[2], strict=True)):
-        my = my & (np.abs(y) < BEYOND * np.max(np.abs(x), where=mx, initial=0.0))
-        if not (mx.any() and my.any()) or float(np.std(y[my])) < 0.1 * MOVES:
+        if not (mx.any() and my.any()):
             continue
         felt, seen = float(np.std(x[mx])), float(np.std(y[my]))  # accelerations are last
         motion = np.where(my & within, (y - np.median(y[my])) ** 2, 0.0)

@@ -27,7 +27,6 @@ CREEP = SLIP_SD * SLOWEST / np.deg2rad(30.0)  # below this speed the course is d
 SEEN = 0.1  # before and after a fix: longest smoothing in a receiver [s]
 DIFFERENCE = 2.0  # base of velocities from positions: 1 m of noise gives 0.7 m/s [s]
 LONGER = 5.0, 10.0  # longer bases if no motion is significant: positions as poor as a telephone's [s]
-APART = 0.1  # least share of a span between the mean times of the velocities at its ends
 STEADY = 300.0  # longest motion for the gyro bias by the course: turns dominate beyond [s]
 CHANGING = 1.0 / 3.0  # changing share of the slip: crabbing and mounting are constant
 FEWEST = 10  # epochs in this motion
@@ -343,7 +342,7 @@ def _level(
         return None
     t0, v0 = speed.time[first].mean(), speed.v_n[first].mean(axis=0)
     t1, v1 = speed.time[last].mean(), speed.v_n[last].mean(axis=0)
-    if t1 - t0 < APART * (end - start):  # too sparse fixes: both ends use the same velocities
+    if t1 <= t0:  # too sparse fixes: both ends use the same velocities
         return None
     slope = (v1 - v0) / (t1 - t0)
     heading = course = float(np.arctan2(v0[1], v0[0])) + yaw

@@ -58,11 +58,8 @@ OTHER_UNITS = [
 # No vehicle exceeds the first rate in a thousandth of its samples. Roll and pitch rates below the second may be radians
 # that were read as degrees [rad/s].
 FASTEST, HARDLY = 12.0, np.deg2rad(1.0)
-# share of the noise difference that gyros in correct units keep; ratio of misfits from which there is no gain
-NOISE_TELLS, CLOSER = 0.5, 0.99
-ROUNDS = 10  # of Gauss-Newton at most
+CLOSER = 0.99  # ratio of misfits from which Gauss-Newton gains no more
 NUDGE = np.diag([1e-3, 1e-3, 1e-3, 0.02, 0.02, 0.02, 0.02])  # steps of its derivatives [rad/s], [m/s^2], [s]
-LARGEST_BIAS = 0.1  # of gyros that can be used [rad/s]
 # prior sd of gyro bias [rad/s], accelerometer bias [m/s^2] and delay [s]. A bias rotates the accelerations of every
 # window, as the mounting does. At rest, gyro bias is observed, but may change by warm-up: by 0.07 deg/s on a recorded
 # flight
@@ -201,21 +198,10 @@ def _in_other_units(found: Mounting, rates: FloatArray, refined: Callable[[Float
     ones = [(refined(units), units) for units in others]
     other, units = max(ones, key=lambda each: each[0].gain(found) - RARE * np.unique(each[1]).size)
     better = other.misfit < FITS and other.gain(found) > RARE
-    alike = _unlike(rates * units) < NOISE_TELLS * _unlike(rates)
-    if fits:
-        return other if better or (alike and other.gain(found) > 0.0) else found
-    if np.ptp(units) == 0.0:
-        return found
-    if better and not alike:
+    if better and not fits:
         # without that gyro, the fit must be worse: it may have a temporary fault
-        better = other.gain(refined(np.where(units == units.min(), 0.0, units))) > RARE
+        better = bool(np.ptp(units)) and other.gain(refined(np.where(units == units.min(), 0.0, units))) > RARE
     return other if better else found
-
-
-def _unlike(rates: FloatArray) -> float:
-    """Return the ratio between sample-to-sample noise of three gyros (n, 3), as a logarithm."""
-    noise = np.median(np.abs(np.diff(rates, axis=0)), axis=0)
-    return float(np.std(np.log(np.maximum(noise, 1e-12))))
 
 
 def _refined(windows: _Windows, gyros: FloatArray, start: FloatArray, sd: FloatArray, *, mirrored: bool) -> Mounting:
@@ -229,7 +215,8 @@ def _refined(windows: _Windows, gyros: FloatArray, start: FloatArray, sd: FloatA
 
     at = start
     found, left = fitted(at)
-    for _ in range(ROUNDS):
+    settled = False
+    while not settled:
         pushed = [fitted(at + step) for step in NUDGE]
         slope = np.column_stack([(each[1] - left) / step.sum() for each, step in zip(pushed, NUDGE, strict=True)])
         # a window counts once, as unmodelled errors persist, and half as its halves are shared
@@ -240,12 +227,10 @@ def _refined(windows: _Windows, gyros: FloatArray, start: FloatArray, sd: FloatA
         yaw /= NUDGE.sum(axis=0)
         change = covariance @ ((start - at) / sd**2 - slope.T @ left / noise)
         other, other_left = fitted(at + change)
-        if np.abs(change[:3]).max() > LARGEST_BIAS or other.misfit >= found.misfit:
+        if other.misfit >= found.misfit:
             break
         settled = other.misfit > CLOSER * found.misfit
         at, found, left = at + change, other, other_left
-        if settled:
-            break
     return replace(found, sd=float(np.hypot(found.sd, np.sqrt(yaw @ covariance @ yaw))))
 
 

@@ -7,7 +7,7 @@ Groves, "Principles of GNSS, Inertial, and Multisensor Integrated Navigation Sys
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -34,8 +34,7 @@ PUSHED = 0.2  # change of mean specific force between windows that is a motion: 
 # A soft departure changes them less, but for longer: deviation of means in robust standard deviations, least deviation
 # [m/s^2], [rad/s], duration [s]. A quieter IMU detects it earlier.
 DEPARTED, DEPARTED_ACCEL, DEPARTED_GYRO, DEPARTED_TIME = 6.0, 1e-3, 1e-5, 2.0
-# means and scatter of windows are compared with earlier windows, at least `SHORTEST` of them: span [s], ratio [-]
-COMPARED, LOUDER = 60.0, 2.0
+COMPARED = 60.0  # means of windows are compared with earlier windows of this span, at least of `SHORTEST` [s]
 # In a longer initial stop the attitude is constant. Drifting gyros would rotate an unknown lever arm and make it
 # observable. Horizontal noise would reduce the heading sd, 25 -> 5 deg in 15 min, by linearisation (see
 # `insnav.filter.delay_and_lever.with_surer_start`). Attitude changes are measured in means of this length. A stop
@@ -174,9 +173,7 @@ def _windows(
 
 def _before_departure(force: FloatArray, rate: FloatArray) -> int:
     """Count windows before a slow departure in the second half of a stop, by means of force and rate."""
-    off = np.zeros(force.shape[0], dtype=bool)
-    for means, least in ((force, DEPARTED_ACCEL), (rate, DEPARTED_GYRO)):
-        off |= _unlike(means, means, least)
+    off = _unlike((rate, force), (rate, force))
     row = round(DEPARTED_TIME / WINDOW)
     if off.size < 2 * row:
         return off.size
@@ -185,11 +182,14 @@ def _before_departure(force: FloatArray, rate: FloatArray) -> int:
     return int(np.argmax(lasting)) if lasting.any() else off.size
 
 
-def _unlike(means: FloatArray, rest: FloatArray, least: float) -> BoolArray:
-    """Find windows whose means (m, 3) differ from a stop (k, 3) by more than `least`."""
-    usual = np.median(rest, axis=0)
-    limit = np.maximum(DEPARTED * 1.4826 * np.median(np.abs(rest - usual), axis=0), least)
-    return np.asarray((np.abs(means - usual) > limit).any(axis=1))
+def _unlike(means: Sequence[FloatArray], rest: Sequence[FloatArray]) -> BoolArray:
+    """Find windows whose mean rate or force, (m, 3) each, differs from a stop, (k, 3) each."""
+    off = np.zeros(means[0].shape[0], dtype=np.bool_)
+    for here, stop, least in zip(means, rest, (DEPARTED_GYRO, DEPARTED_ACCEL), strict=True):
+        usual = np.median(stop, axis=0)
+        limit = np.maximum(DEPARTED * 1.4826 * np.median(np.abs(stop - usual), axis=0), least)
+        off |= (np.abs(here - usual) > limit).any(axis=1)
+    return off
 
 
 def departure(parts: Intervals, rest: tuple[float, float]) -> float:
@@ -206,9 +206,7 @@ def departure(parts: Intervals, rest: tuple[float, float]) -> float:
     before = _windows(parts, (now - begin) // size, size, begin)
     while now + lasting * size <= parts.end.size:
         here = _windows(parts, min(number, (parts.end.size - now) // size), size, now)
-        off = np.zeros(here[1].size, dtype=bool)
-        for row, least in ((0, DEPARTED_GYRO), (2, DEPARTED_ACCEL)):
-            off |= _unlike(here[row], before[row], least) | (here[row + 1] > LOUDER * np.median(before[row + 1]))
+        off = _unlike(here[::2], before[::2])
         for first, last in runs_of(off):
             if last - first >= lasting:
                 return float(parts.end[now + first * size - 1])

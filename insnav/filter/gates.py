@@ -65,7 +65,7 @@ class Gates:
 
 
 WHOLE_SD = 3.0  # plausible step of a fix in standard deviations, whatever their white part [-]
-IN_A_ROW, ROUNDS = 3, 5  # false fixes in a row that can be found, and passes without those found before
+IN_A_ROW = 3  # false fixes in a row that can be found
 ON_LINE = 0.25  # the neighbouring fixes are collinear within this share of the deviation; at a jump it is two thirds
 OF_REFERENCE = -99  # fix type of reference positions, which are compared with the solution and have no receiver errors
 
@@ -119,10 +119,7 @@ def aside(gates: Gates, gps: GpsData) -> BoolArray:
     """
     found = np.zeros(gps.time.size, dtype=np.bool_)
     left = np.flatnonzero(gps.valid)  # invalid fixes may be anywhere
-    for _ in range(ROUNDS):  # a false fix masks others
-        false = _beside(gates, gps.rows(left))
-        if not false.any():
-            break
+    while (false := _beside(gates, gps.rows(left))).any():  # a false fix masks others
         found[left[false]], left = True, left[~false]
     return found
 
@@ -177,10 +174,9 @@ def whole_record(
 
 
 UNUSABLE = 1e4  # standard deviation of invalid positions [m]
-# Least distance by velocities at a repeated position. With jitter: [m], and its largest share of a step. Without: [m],
-# multiples of the resolution
-FROZEN, HARDLY, SAME, STEPS = 30.0, 0.01, 3.0, 10.0
-KEPT = 0.9  # share of the steps by velocities that must cover the distance
+# Least distance by velocities at a repeated position. With jitter: [m]. Without: [m], multiples of the resolution
+FROZEN, SAME, STEPS = 30.0, 3.0, 10.0
+KEPT = 0.9  # share of the steps by velocities that must cover the distance; jitter is at most the rest of a step
 PARKED = 0.2  # of their sd: positions of a stationary vehicle with false velocities scatter more
 # With repeated or missing velocities, samples detect motion: duration [s], averaging time [s], scatter of means above
 # rest [m/s^2], distance covered [m]
@@ -212,7 +208,7 @@ def _without_frozen_positions(gps: GpsData, imu: ImuData) -> tuple[GpsData, list
     gone = mean * (np.diff(gps.time) * (np.linalg.norm(mean, axis=1) > STATIC_SPEED))[:, None]
     level = np.abs(moved[:, :2])
     step, written = np.linalg.norm(level, axis=1), float(np.min(level, initial=FROZEN, where=level != 0.0))
-    jitter = np.minimum(HARDLY * np.linalg.norm(gone, axis=1), PARKED * gps.position_sd[1:, :2].min(axis=1))
+    jitter = np.minimum((1.0 - KEPT) * np.linalg.norm(gone, axis=1), PARKED * gps.position_sd[1:, :2].min(axis=1))
     same = (step == 0.0) | (step < jitter)
     repeated = (moved == 0.0).all(axis=1) & ((np.diff(v_n, axis=0) == 0.0) | np.isnan(v_n[1:])).all(axis=1)
     travels = float(np.ptp(ned_offset(gps.lla, gps.lla[0])[:, :2], axis=0).max(initial=0.0)) > JOURNEY

@@ -170,6 +170,21 @@ def test_fixes_with_noise_of_their_own_on_a_straight_way_are_used(scatter, strai
     assert np.isnan(found.v_n[41:50]).all() == named
 
 
+@pytest.mark.parametrize("jitter", [1e-3, 0.05])
+def test_positions_that_repeat_but_for_jitter_are_frozen(jitter):
+    """A motorway, 30 s: with 0.1 mm used they left 254 m; by gates alone 183 m, 97.8 % of positions inside 3 sd."""
+    truth = load_profile("motorway").truth((12, MOTION_STREAM))
+    made = simulate_recording(truth, load_imu("consumer"), load_gps("single"), 12)
+    held = (made.gps.time > made.gps.time[0] + 160.0) & (made.gps.time < made.gps.time[0] + 190.0)
+    lla, noise = made.gps.lla.copy(), jitter * np.random.default_rng(3).standard_normal((int(held.sum()), 3))
+    lla[held] = lla_offset(np.tile(lla[held][0], (int(held.sum()), 1)), noise)
+    found, said = without_frozen(replace(made.gps, lla=lla), made.imu)
+    assert [each.code for each in said] == [Code.GPS_FROZEN]
+    assert (held[1:] >= (found.position_sd[1:, 0] > 100.0)).all()
+    assert np.mean(found.position_sd[held, 0] > 100.0) > 0.9
+    assert without_frozen(made.gps, made.imu)[1] == []
+
+
 def test_a_parked_vehicle_whose_receiver_holds_its_position_has_it():
     """As many receivers do; driven off after a minute."""
     time = np.arange(120.0)
