@@ -243,18 +243,14 @@ def _at(time: FloatArray, values: FloatArray, wanted: FloatArray) -> FloatArray:
 def contributions_rows(budget: Budget) -> list[tuple[Quantity, ...]]:
     """List the contribution of each family to the error at the last time, the largest first."""
     last, part, gain, ways = budget.chosen[-1], shares(budget), saved(budget), _ways(budget)
-    return [
-        (
-            Quantity("source", budget.families[k]),
-            Quantity("size", size(budget, budget.families[k]), meaning="size, 1 sd"),
-            Quantity("growth", growth(budget, budget.families[k]), meaning="grows with"),
-            *(Quantity(name, float(horizontal(way.parts[last, k]))) for name, way in ways.items()),
-            Quantity("down", float(budget.valid.parts[last, k, 2])),
-            Quantity("share", float(part[k]), "%", meaning="of the variance", decimals=1),
-            Quantity("halved_saves", float(gain[k]), meaning="half of it saves"),
-        )
-        for k in ranked(budget)
-    ]
+    rows = []
+    for k in ranked(budget):
+        family, sizes = budget.families[k], {name: float(horizontal(way.parts[last, k])) for name, way in ways.items()}
+        about = {"source": family, "size": size(budget, family), "growth": growth(budget, family)}
+        end = {"down": float(budget.valid.parts[last, k, 2]), "share": float(part[k]), "halved_saves": float(gain[k])}
+        *head, down, share, saves = of_table("budget.contribution", **about, **end)
+        rows.append((*head, *(Quantity(*each) for each in sizes.items()), down, share, saves))
+    return rows
 
 
 def contributions_section(budget: Budget) -> Section:
@@ -265,14 +261,10 @@ def contributions_section(budget: Budget) -> Section:
         ("together (RSS)", together, budget.valid.total[last, 2]),
         ("worst-case sum", {"covariance": float(budget.worst[last, 3])}, budget.worst[last, 2]),
     )
-    rows = [
-        (
-            Quantity("source", text),
-            *(Quantity(name, value) for name, value in values.items()),
-            Quantity("down", float(down)),
-        )
-        for text, values, down in sums
-    ]
+    rows = []
+    for text, values, down in sums:
+        sizes = (Quantity(name, value) for name, value in values.items())
+        rows.append((Quantity("source", text), *sizes, Quantity("down", float(down))))
     title = f"Error contributions: horizontal error √(N² + E²) after {budget.time[last]:g} s [m]"
     return Section("", title, rows=(*contributions_rows(budget), *rows), folded=True)
 
