@@ -217,17 +217,12 @@ def positions_section(budget: Budget) -> Section:
         }
         names = _SHORT
         note = "1 sd: analytic, covariance, simulated; RMS recorded, corrected; predicted by the filter for all windows"
-    rows = tuple(
-        (
-            Quantity("time", f"{budget.time[k]:g}", "s"),
-            *(
-                Quantity(name, dict(zip(_AXES, map(float, values[row]), strict=True)), meaning=names.get(name, name))
-                for name, values in groups.items()
-            ),
-        )
-        for row, k in enumerate(at)
-    )
-    return Section("", "Position error North, East, Down [m]", rows=rows, note=note, folded=True)
+    rows = []
+    for row, k in enumerate(at):
+        sizes = {name: dict(zip(_AXES, map(float, values[row]), strict=True)) for name, values in groups.items()}
+        cells = (Quantity(name, value, meaning=names.get(name, name)) for name, value in sizes.items())
+        rows.append((Quantity("time", f"{budget.time[k]:g}", "s"), *cells))
+    return Section("", "Position error North, East, Down [m]", rows=tuple(rows), note=note, folded=True)
 
 
 def _at(time: FloatArray, values: FloatArray, wanted: FloatArray) -> FloatArray:

@@ -219,24 +219,14 @@ def _harmonics(found: dict[str, Tumble], unit: str) -> tuple[Section, Section]:
         series = harmonics(item.angle, item.output)
         for n, a, b in zip(series.order.tolist(), series.cosine, series.sine, strict=True):
             sd = None if not n or np.isnan(series.sd) else series.sd
-            rows.append(
-                (
-                    Quantity("sensor", name),
-                    Quantity("order", n),
-                    measured("cosine", a, unit, sd),
-                    measured("sine", b, unit, sd),
-                    measured("amplitude", float(np.hypot(a, b)), unit),
-                )
-            )
+            parts = measured("cosine", a, unit, sd), measured("sine", b, unit, sd)
+            amplitude = measured("amplitude", float(np.hypot(a, b)), unit)
+            rows.append((Quantity("sensor", name), Quantity("order", n), *parts, amplitude))
         largest = float(np.abs(series.model - item.fit.value).max())
-        models.append(
-            (
-                Quantity("sensor", name),
-                *(measured(f"K{order}", value, unit) for order, value in enumerate(series.model)),
-                Quantity("difference", largest, meaning="largest difference"),
-                Quantity("misalignment", series.misalignment, "mrad"),
-            )
-        )
+        terms = (measured(f"K{order}", value, unit) for order, value in enumerate(series.model))
+        difference = Quantity("difference", largest, meaning="largest difference")
+        turned = Quantity("misalignment", series.misalignment, "mrad")
+        models.append((Quantity("sensor", name), *terms, difference, turned))
     return of_section("calibration.harmonics", rows), of_section("calibration.model_by_harmonics", models)
 
 
