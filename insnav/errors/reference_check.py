@@ -134,22 +134,11 @@ def offset_findings(found: ReferenceOffset, taken: FloatArray) -> list[Finding]:
     """Report offsets and advice. `taken` (3,): compared point, from the IMU [m]."""
     findings = []
     if found.clear:
-        x, y = taken[:2] + found.body
-        findings.append(
-            Finding.of(
-                Code.REF_POINT,
-                subject="ref",
-                forward_m=found.body[0],
-                right_m=found.body[1],
-                forward_sd_m=found.body_sd[0],
-                right_sd_m=found.body_sd[1],
-                rms_m=found.horizontal_rms,
-                corrected_m=found.horizontal_rms_without,
-                x_m=x,
-                y_m=y,
-                z_m=taken[2],
-            )
-        )
+        names = ("forward_m", "right_m", "forward_sd_m", "right_sd_m", "rms_m", "corrected_m", "x_m", "y_m", "z_m")
+        sizes = *found.body, *found.body_sd, found.horizontal_rms, found.horizontal_rms_without
+        point = *(taken[:2] + found.body), taken[2]
+        values: dict[str, Any] = dict(zip(names, (*sizes, *point), strict=True))
+        findings.append(Finding.of(Code.REF_POINT, subject="ref", **values))
     if found.geoid:
         code, limit = Code.REF_GEOID, GEOID
         if abs(found.surest_down) > LARGEST_UNDULATION:

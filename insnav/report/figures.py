@@ -282,15 +282,7 @@ def scale_bar(axes: Axes) -> None:
 
 def north_arrow(axes: Axes) -> None:
     """Mark north in the upper right corner."""
-    axes.annotate(
-        "N",
-        xy=(0.965, 0.985),
-        xytext=(0.0, -42.0),
-        xycoords="axes fraction",
-        textcoords="offset points",
-        ha="center",
-        va="center",
-        fontsize=11.0,
-        fontweight="bold",
-        arrowprops={"arrowstyle": "-|>", "color": styles.BLACK, "linewidth": 1.6},
-    )
+    place: dict[str, Any] = {"xytext": (0.0, -42.0), "xycoords": "axes fraction", "textcoords": "offset points"}
+    place |= {"ha": "center", "va": "center", "fontsize": 11.0, "fontweight": "bold"}
+    arrow = {"arrowstyle": "-|>", "color": styles.BLACK, "linewidth": 1.6}
+    axes.annotate("N", (0.965, 0.985), **place, arrowprops=arrow)

@@ -356,29 +356,20 @@ def provenance(result: Result[Any]) -> tuple[Section, ...]:
 
 def _inputs(inputs: Mapping[str, ReadingFacts]) -> tuple[Section, ...]:
     read = {name: [quantity_of(key, value) for key, value in each.as_dict().items()] for name, each in inputs.items()}
-    rows = tuple(
-        (
-            Quantity("input", name),
-            *(
-                Quantity(each.key.removeprefix("n_"), each.value, each.unit, decimals=1 if each.key in _TIMES else None)
-                for each in items
-                if each.key in _TABLE
-            ),
-        )
-        for name, items in read.items()
-    )
-    columns = {
-        name: "; ".join(f"{key} = {text}" for key, text in each.columns.items()) for name, each in inputs.items()
-    }
-    how = tuple(
-        (Quantity("input", name), Quantity("text", text, meaning="how it was understood"))
-        for name, each in inputs.items()
-        for text in (*map(sentence, each.evidence), f"columns: {columns[name]}")
-    )
+    rows = []
+    for name, items in read.items():
+        shown = [replace(each, key=each.key.removeprefix("n_")) for each in items if each.key in _TABLE]
+        cells = (replace(each, decimals=1) if each.key in _TIMES else each for each in shown)
+        rows.append((Quantity("input", name), *cells))
+    how = []
+    for name, each in inputs.items():
+        columns = "; ".join(f"{key} = {text}" for key, text in each.columns.items())
+        texts = (*map(sentence, each.evidence), f"columns: {columns}")
+        how += [(Quantity("input", name), Quantity("text", text, meaning="how it was understood")) for text in texts]
     return (
         Section("input", parts=tuple(only_json(name, *items) for name, items in read.items())),
-        Section("", "Inputs", rows=rows, show="page", folded=True),
-        Section("", "How the inputs were understood", rows=how, show="page", folded=True),
+        Section("", "Inputs", rows=tuple(rows), show="page", folded=True),
+        Section("", "How the inputs were understood", rows=tuple(how), show="page", folded=True),
     )
 
 

@@ -217,17 +217,12 @@ def positions_section(budget: Budget) -> Section:
         }
         names = _SHORT
         note = "1 sd: analytic, covariance, simulated; RMS recorded, corrected; predicted by the filter for all windows"
-    rows = tuple(
-        (
-            Quantity("time", f"{budget.time[k]:g}", "s"),
-            *(
-                Quantity(name, dict(zip(_AXES, map(float, values[row]), strict=True)), meaning=names.get(name, name))
-                for name, values in groups.items()
-            ),
-        )
-        for row, k in enumerate(at)
-    )
-    return Section("", "Position error North, East, Down [m]", rows=rows, note=note, folded=True)
+    rows = []
+    for row, k in enumerate(at):
+        sizes = {name: dict(zip(_AXES, map(float, values[row]), strict=True)) for name, values in groups.items()}
+        cells = (Quantity(name, value, meaning=names.get(name, name)) for name, value in sizes.items())
+        rows.append((Quantity("time", f"{budget.time[k]:g}", "s"), *cells))
+    return Section("", "Position error North, East, Down [m]", rows=tuple(rows), note=note, folded=True)
 
 
 def _at(time: FloatArray, values: FloatArray, wanted: FloatArray) -> FloatArray:
@@ -243,18 +238,14 @@ def _at(time: FloatArray, values: FloatArray, wanted: FloatArray) -> FloatArray:
 def contributions_rows(budget: Budget) -> list[tuple[Quantity, ...]]:
     """List the contribution of each family to the error at the last time, the largest first."""
     last, part, gain, ways = budget.chosen[-1], shares(budget), saved(budget), _ways(budget)
-    return [
-        (
-            Quantity("source", budget.families[k]),
-            Quantity("size", size(budget, budget.families[k]), meaning="size, 1 sd"),
-            Quantity("growth", growth(budget, budget.families[k]), meaning="grows with"),
-            *(Quantity(name, float(horizontal(way.parts[last, k]))) for name, way in ways.items()),
-            Quantity("down", float(budget.valid.parts[last, k, 2])),
-            Quantity("share", float(part[k]), "%", meaning="of the variance", decimals=1),
-            Quantity("halved_saves", float(gain[k]), meaning="half of it saves"),
-        )
-        for k in ranked(budget)
-    ]
+    rows = []
+    for k in ranked(budget):
+        family, sizes = budget.families[k], {name: float(horizontal(way.parts[last, k])) for name, way in ways.items()}
+        about = {"source": family, "size": size(budget, family), "growth": growth(budget, family)}
+        end = {"down": float(budget.valid.parts[last, k, 2]), "share": float(part[k]), "halved_saves": float(gain[k])}
+        *head, down, share, saves = of_table("budget.contribution", **about, **end)
+        rows.append((*head, *(Quantity(*each) for each in sizes.items()), down, share, saves))
+    return rows
 
 
 def contributions_section(budget: Budget) -> Section:
@@ -265,14 +256,10 @@ def contributions_section(budget: Budget) -> Section:
         ("together (RSS)", together, budget.valid.total[last, 2]),
         ("worst-case sum", {"covariance": float(budget.worst[last, 3])}, budget.worst[last, 2]),
     )
-    rows = [
-        (
-            Quantity("source", text),
-            *(Quantity(name, value) for name, value in values.items()),
-            Quantity("down", float(down)),
-        )
-        for text, values, down in sums
-    ]
+    rows = []
+    for text, values, down in sums:
+        sizes = (Quantity(name, value) for name, value in values.items())
+        rows.append((Quantity("source", text), *sizes, Quantity("down", float(down))))
     title = f"Error contributions: horizontal error √(N² + E²) after {budget.time[last]:g} s [m]"
     return Section("", title, rows=(*contributions_rows(budget), *rows), folded=True)
 

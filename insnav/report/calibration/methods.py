@@ -29,20 +29,13 @@ from insnav.units import DEG, G0
 
 def quality_section(*sets: tuple[Mapping[str, Fit], str, Mapping[str, Sequence[str]]], factor: float = 1.0) -> Section:
     """Tabulate the quality of each fit: scatter, worst residual, condition; fits, their unit and settings."""
-    rows = tuple(
-        (
-            Quantity("name", name, meaning="fit"),
-            Quantity("points", fit.residual.size),
-            Quantity("degrees_of_freedom", fit.dof),
-            measured("rms", fit.rms * factor, unit),
-            measured("sd", fit.sigma * factor, unit),
-            measured("worst", abs(float(fit.residual[fit.worst])) * factor, unit),
-            Quantity("worst_at", settings[name][fit.worst]),
-            Quantity("condition", fit.condition),
-        )
-        for fits, unit, settings in sets
-        for name, fit in fits.items()
-    )
+    rows = []
+    for fits, unit, settings in sets:
+        for name, fit in fits.items():
+            sizes = {"rms": fit.rms, "sd": fit.sigma, "worst": abs(float(fit.residual[fit.worst]))}
+            shown = (measured(key, size * factor, unit) for key, size in sizes.items())
+            *head, at, condition = of_table("calibration.fits", fit, name=name, worst_at=settings[name][fit.worst])
+            rows.append((*head, *shown, at, condition))
     return of_section("calibration.fits", rows)
 
 
@@ -147,16 +140,11 @@ def gyro_page(calibration: Calibration[tuple[Record, ...], tuple[RateTable, ...]
         f"{number(drop.limit, 2)} {unit}): {sentence(drop.reason)}"
         for name, drop in dropped
     )
-    left_out = tuple(
-        (
-            Quantity("sensor", name),
-            Quantity("rate_deg_s", drop.rate),  # a round number, as set on the table
-            measured("residual", drop.residual, unit),
-            measured("limit", drop.limit, unit),
-            Quantity("code", drop.reason.code.value),
-        )
-        for name, drop in dropped
-    )
+    left_out = []
+    for name, drop in dropped:
+        sensor, rate, code = of_table("calibration.dropped", drop, sensor=name)
+        sizes = (measured(key, getattr(drop, key), unit) for key in ("residual", "limit"))
+        left_out.append((sensor, rate, *sizes, code))
     return Page(
         "Gyros on a rate table",
         (*_summary(calibration.parameters, len(fits)), *lines),
@@ -167,7 +155,7 @@ def gyro_page(calibration: Calibration[tuple[Record, ...], tuple[RateTable, ...]
             quality_section((fits, unit, settings)),
             _dwells(calibration.record, tuple(fits)),
             impact_section(calibration),
-            Section("dropped", rows=left_out, show="json"),
+            Section("dropped", rows=tuple(left_out), show="json"),
         ),
         method=tuple(phrase("method.rate_table").splitlines()),
     )
@@ -231,24 +219,14 @@ def _harmonics(found: dict[str, Tumble], unit: str) -> tuple[Section, Section]:
         series = harmonics(item.angle, item.output)
         for n, a, b in zip(series.order.tolist(), series.cosine, series.sine, strict=True):
             sd = None if not n or np.isnan(series.sd) else series.sd
-            rows.append(
-                (
-                    Quantity("sensor", name),
-                    Quantity("order", n),
-                    measured("cosine", a, unit, sd),
-                    measured("sine", b, unit, sd),
-                    measured("amplitude", float(np.hypot(a, b)), unit),
-                )
-            )
+            parts = measured("cosine", a, unit, sd), measured("sine", b, unit, sd)
+            amplitude = measured("amplitude", float(np.hypot(a, b)), unit)
+            rows.append((Quantity("sensor", name), Quantity("order", n), *parts, amplitude))
         largest = float(np.abs(series.model - item.fit.value).max())
-        models.append(
-            (
-                Quantity("sensor", name),
-                *(measured(f"K{order}", value, unit) for order, value in enumerate(series.model)),
-                Quantity("difference", largest, meaning="largest difference"),
-                Quantity("misalignment", series.misalignment, "mrad"),
-            )
-        )
+        terms = (measured(f"K{order}", value, unit) for order, value in enumerate(series.model))
+        difference = Quantity("difference", largest, meaning="largest difference")
+        turned = Quantity("misalignment", series.misalignment, "mrad")
+        models.append((Quantity("sensor", name), *terms, difference, turned))
     return of_section("calibration.harmonics", rows), of_section("calibration.model_by_harmonics", models)
 
 

@@ -126,17 +126,12 @@ def _quality(found: PosesCalibration) -> Section:
     gravity = (found.norm_before, None, found.norm_after, found.norm_left_out)
     turns = (found.turn_before[used], found.turn_plain[used], found.turn_after[used], found.turn_left_out[used])
     columns = ("before", "without_g_sensitivity", "after", "left_out")
-    rows = tuple(
-        (
-            Quantity("error", f"{name}, {how}"),
-            *(
-                Quantity(column, None if values is None else reduce(values), unit)
-                for column, values in zip(columns, series, strict=True)
-            ),
-        )
-        for name, series, unit in (("gravity", gravity, "mg"), ("turn", turns, "deg"))
-        for how, reduce in (("RMS", rms), ("worst", lambda v: float(np.abs(v).max())))
-    )
+    rows = []
+    for name, series, unit in (("gravity", gravity, "mg"), ("turn", turns, "deg")):
+        for how, reduce in (("RMS", rms), ("worst", lambda v: float(np.abs(v).max()))):
+            sizes = (None if values is None else reduce(values) for values in series)
+            cells = (Quantity(column, size, unit) for column, size in zip(columns, sizes, strict=True))
+            rows.append((Quantity("error", f"{name}, {how}"), *cells))
     return of_section("calibration.errors", rows)
 
 
@@ -203,18 +198,12 @@ def _triad(key: str, title: str, triad: Triad, counts: bool) -> Section:
 def _g_sensitivity(found: Found) -> Section:
     sensitivity, sd, counts = found.g_sensitivity, found.g_sensitivity_sd, found.counts
     unit, per = ("counts/g", G0) if counts else ("deg/s/g", G0 / DEG)
-    rows = tuple(
-        (
-            Quantity("gyro", axis),
-            *(
-                measured(f"by {other}", sensitivity[i, j] * per, unit, float(sd[i, j]) * per)
-                for j, other in enumerate(AXES)
-            ),
-        )
-        for i, axis in enumerate(AXES)
-    )
+    rows = []
+    for axis, *both in zip(AXES, sensitivity * per, sd * per, strict=True):
+        cells = (measured(f"by {other}", value, unit, float(by)) for other, value, by in zip(AXES, *both, strict=True))
+        rows.append((Quantity("gyro", axis), *cells))
     whole = Quantity("g_sensitivity", sensitivity, "counts/(m/s^2)" if counts else "(rad/s)/(m/s^2)", sd)
-    table = Section("", "g-sensitivity of the gyros", rows=rows, note="± 1 sd")
+    table = Section("", "g-sensitivity of the gyros", rows=tuple(rows), note="± 1 sd")
     return Section("", parts=(table, only_json("gyro", whole)))
 
 

@@ -127,16 +127,10 @@ def _imu(found: Checked) -> tuple[Section, ...]:
         rows = tuple(of_table(f"check.{sensor}", each, resolution=each.resolution or None) for each in own)
         parts.append(Section(sensor, title, rows=rows, note=_BODY))
     peaks = tuple(of_table("check.peak", each) for each in found.imu.peaks)
-    step, time = found.imu.gravity_steps
-    items = of_table(
-        "check.imu",
-        found.imu,
-        rest=None if found.rest is None else np.array(found.rest),
-        rest_step=step or None,
-        rest_step_time=time,
-        jolt=found.imu.jolt[0] or None,
-        jolt_time=found.imu.jolt[1],
-    )
+    (step, step_time), (jolt, jolt_time) = found.imu.gravity_steps, found.imu.jolt
+    values = {"rest": None if found.rest is None else np.array(found.rest), "rest_step": step or None}
+    values |= {"rest_step_time": step_time, "jolt": jolt or None, "jolt_time": jolt_time}
+    items = of_table("check.imu", found.imu, **values)
     return (Section("imu", "IMU", items=items, parts=(*parts, Section("vibration", "Vibration: lines", rows=peaks))),)
 
 

@@ -123,20 +123,14 @@ def _states(each: GyroDrift) -> dict[str, Deviations]:
 
 def _curves(each: GyroDrift, name: str) -> Section:
     curves, longest = _states(each), each.corrected.allan
-    rows = tuple(
-        (
-            Quantity("tau", float(tau), "s"),
-            *(
-                Quantity(state, float(c.deviation[k]), "deg/h", interval=(float(c.low[k]), float(c.high[k])))
-                for state, c in curves.items()
-            ),
-            *(
-                Quantity(f"freedom_{state}", float(c.freedom[k]), meaning=f"freedom {state}", digits=2)
-                for state, c in curves.items()
-            ),
-        )
-        for k, tau in enumerate(longest.tau)
-    )
+    rows = []
+    for k, tau in enumerate(longest.tau):
+        sizes, counts = [Quantity("tau", float(tau), "s")], []
+        for state, c in curves.items():
+            interval = float(c.low[k]), float(c.high[k])
+            sizes.append(Quantity(state, float(c.deviation[k]), "deg/h", interval=interval))
+            counts.append(Quantity(f"freedom_{state}", float(c.freedom[k]), meaning=f"freedom {state}", digits=2))
+        rows.append((*sizes, *counts))
     freedom, length = number(float(each.corrected.freedom[-1]), 2), longest.n * longest.interval
     values = {"name": name, "tau": longest.tau[-1], "length": length, "freedom": freedom}
     return of_section("drift.allan", rows, values)

@@ -196,17 +196,13 @@ def _fixes(run: Run) -> Section:
         "position": _innovations(fixes.innovation[:, :3], fixes.used_position, "m", mean_nis(run, "position")),
         "velocity": _innovations(fixes.innovation[:, 3:], fixes.used_velocity, "m/s", mean_nis(run, "velocity")),
     }
-    return Section(
-        "fixes",
-        "GPS: time offset and lever arm",
-        (
-            Quantity("delay", run.gps_delay, "s", sd=run.gps_delay_sd),
-            Quantity("lever_arm", run.lever_b, "m", sd=run.lever_sd, mark=taken),
-            Quantity("rejected_for", {why: codes[code] for code, why in _REASONS.items() if codes[code]}),
-        ),
-        parts=(one_each("", "GPS fixes", groups, "GPS", "NIS per axis is 1 if fixes and filter agree"),),
-        show="page",
+    items = (
+        Quantity("delay", run.gps_delay, "s", sd=run.gps_delay_sd),
+        Quantity("lever_arm", run.lever_b, "m", sd=run.lever_sd, mark=taken),
+        Quantity("rejected_for", {why: codes[code] for code, why in _REASONS.items() if codes[code]}),
     )
+    parts = (one_each("", "GPS fixes", groups, "GPS", "NIS per axis is 1 if fixes and filter agree"),)
+    return Section("fixes", "GPS: time offset and lever arm", items, parts=parts, show="page")
 
 
 def mean_nis(run: Run, *halves: str) -> float | None:

@@ -233,27 +233,14 @@ def way_through(
     problems = [ConfigError("sim.same_place", where=legs[i]) for i in np.flatnonzero(chords < 1e-3)]
     both = (speed[:-1] == 0.0) & (speed[1:] == 0.0)
     problems += [ConfigError("sim.no_speed", where=legs[i]) for i in np.flatnonzero(both)]
+    own: dict[str, Any] = {"vehicle": vehicle.name}
     acceleration = np.abs(np.diff(speed**2)) / np.maximum(2.0 * chords, 1e-3)
-    problems += [
-        ConfigError(
-            "sim.too_fast_acceleration",
-            where=legs[i],
-            vehicle=vehicle.name,
-            acceleration_m_s2=float(acceleration[i]),
-            limit_m_s2=vehicle.forward,
-        )
-        for i in np.flatnonzero(acceleration > vehicle.forward)
-    ]
-    problems += [
-        ConfigError(
-            "sim.too_fast",
-            where=f"waypoint {i + 1}",
-            vehicle=vehicle.name,
-            speed_m_s=float(speed[i]),
-            limit_m_s=vehicle.speed,
-        )
-        for i in np.flatnonzero(speed > vehicle.speed)
-    ]
+    for i in np.flatnonzero(acceleration > vehicle.forward):
+        values = own | {"acceleration_m_s2": float(acceleration[i]), "limit_m_s2": vehicle.forward}
+        problems.append(ConfigError("sim.too_fast_acceleration", where=legs[i], **values))
+    for i in np.flatnonzero(speed > vehicle.speed):
+        values = own | {"speed_m_s": float(speed[i]), "limit_m_s": vehicle.speed}
+        problems.append(ConfigError("sim.too_fast", where=f"waypoint {i + 1}", **values))
     if problems:
         return None, problems
     chord = np.concatenate([[0.0], np.cumsum(chords)])
@@ -268,14 +255,8 @@ def way_through(
     worst = int(np.argmax(sideways))
     if sideways[worst] > vehicle.sideways:
         number = int(np.searchsorted(chord, fine[worst], side="right"))
-        bent = ConfigError(
-            "sim.sideways_at_waypoint",
-            where=f"near waypoint {number}",
-            vehicle=vehicle.name,
-            acceleration_m_s2=float(sideways[worst]),
-            limit_m_s2=vehicle.sideways,
-        )
-        return None, [bent]
+        own |= {"acceleration_m_s2": float(sideways[worst]), "limit_m_s2": vehicle.sideways}
+        return None, [ConfigError("sim.sideways_at_waypoint", where=f"near waypoint {number}", **own)]
     # along the line: length, and time, exact for constant acceleration between neighbouring instants
     length = np.concatenate([[0.0], np.cumsum(0.5 * (stretch[1:] + stretch[:-1]) * np.diff(fine))])
     v = np.sqrt(square)
