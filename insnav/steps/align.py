@@ -35,9 +35,12 @@ def align(recording: Recording, model: Model) -> tuple[Recording, Model, tuple[F
     if not as_given(recording.inputs):
         if model.receiver.delay.source == "given":
             ready, model = with_right_delay(ready, recording, model, given)
-        free = model
-        if model.receiver.lever_arm.source == "given" and not model.receiver.lever_arm.sd:
-            ready, free = _with_right_arm(ready, recording, model, given)
+        free, arm = model, model.receiver.lever_arm
+        if arm.source == "given" and not arm.sd:  # gyros that are noisier than assumed make an arm shorter
+            run, off, limit = lever_off(ready, arm.value)
+            if (off > limit).any() and pretended(ready, run) <= PRETENDED:
+                free = replace(model, receiver=model.receiver.forget_lever_arm())
+                ready = _on_time(recording, free, given)
         if given is not None:
             with suppress(AlignmentError):  # the drive does not determine the heading
                 ready = with_right_heading(ready, _on_time(recording, free, None))
@@ -56,17 +59,6 @@ def with_right_delay(
     values: dict[str, Any] = {"given_s": given, "estimate_s": other.clock, "estimate_sd_s": sd}
     rejected = Finding.of(Code.GIVEN_DELAY_REJECTED, other.initial.time, subject="gps", **values)
     return other.add_faults(rejected), free
-
-
-def _with_right_arm(
-    ready: FilterInput, recording: Recording, model: Model, heading: float | None
-) -> tuple[FilterInput, Model]:
-    """Keep the given lever arm, or leave it to the filter if the drive contradicts it beyond the noise of its gyros."""
-    run, off, limit = lever_off(ready, model.receiver.lever_arm.value)
-    if not (off > limit).any() or pretended(ready, run) > PRETENDED:
-        return ready, model
-    free = replace(model, receiver=model.receiver.forget_lever_arm())
-    return _on_time(recording, free, heading), free
 
 
 def _on_time(recording: Recording, model: Model, heading: float | None) -> FilterInput:
