@@ -19,7 +19,7 @@ from insnav.exceptions import DivergenceError
 from insnav.explain.kinds import FADES, KINDS, RETURN, Kind, cost_of_end
 from insnav.explain.proposals import MOVING, SIZES, gains_of, misfit_of
 from insnav.explain.record import CLEARED, NAMES, LinearRecord, Pass, Step, usual_correlated
-from insnav.explain.search import ACCEPT, FEWEST, SAME, Search, prior_of, search_part
+from insnav.explain.search import ACCEPT, BUDGET, FEWEST, SAME, Search, prior_of, search_part
 from insnav.filter.ambiguity import with_wider_sd
 from insnav.filter.filter_input import Explained, FilterInput
 from insnav.filter.gps_noise import Rough
@@ -167,7 +167,7 @@ def explain_faults(ready: FilterInput, kinds: Sequence[Kind]) -> tuple[FilterInp
             parts.append(Part(record.time, record.interval, found, faults))
             spill.release()
         same = alike(of_imu(faults_of(before)), of_imu(faults_of(parts)))
-        if same and all(part.search.complete for part in parts):
+        if same and all(part.search.complete or part.search.passes > BUDGET for part in parts):
             break
     if not parts:
         return ready, Explanation()

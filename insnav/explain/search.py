@@ -9,7 +9,6 @@ al., IEEE Transactions on Signal Processing 60 (2012) 5024-5037).
 
 from __future__ import annotations
 
-from bisect import bisect_left
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -60,7 +59,6 @@ class Considered:
     """Fault that was tested."""
 
     steps: tuple[Step, ...]  # new steps, relative to the previous fit
-    predicted: float  # gain by the scores alone [-]
     gain: float  # gain of the fit [-]
     accepted: bool
 
@@ -75,6 +73,13 @@ class Search:
     passes: int
     gains: tuple[float, ...]  # cost increase of the best fit without each of its steps [-]
     complete: bool = True  # false: a new fault of the IMU needs another run of the filter before the search continues
+    before: Search | None = None  # earlier search of fewer epochs, if no run has confirmed the new fault yet
+    limit: int = 0  # epochs that are known to be too many, or zero
+
+    @property
+    def epochs(self) -> int:
+        """Number of epochs."""
+        return self.best.weights.shape[0]
 
 
 class _Searcher:
@@ -166,7 +171,7 @@ class _Searcher:
             trial = self.settle(start, added, CONVERGED if slow else AGAIN)
             trials[len(considered)] = trial
             new = tuple(step for step in added if step not in fit.steps)
-            considered.append(Considered(new, proposal.gain, fit.cost - trial.cost, accepted=False))
+            considered.append(Considered(new, fit.cost - trial.cost, accepted=False))
             if len(forms) == TRIED or self.passes > BUDGET:
                 break
         for number, trial in sorted(trials.items(), key=lambda each: each[1].cost):
@@ -248,6 +253,8 @@ def search(
     curve[:IMU] = 4.0 * 3.0 * record.time.size  # each of three values of a fix contributes 4
     like, steps = known.best if known else like, known.best.steps if known else ()
     noise, curve = (like.noise, like.curve) if like else (Noise(), np.diag(curve))
+    if known and end == "once" and forms_of(steps):  # noise of the IMU stays: with that of more epochs, it hides faults
+        curve = curve + np.diag(1e12 * (np.arange(len(curve)) == IMU))
     start = Fit(steps, weights, noise, np.inf, searcher.look(steps, weights, noise), curve)
     fit = searcher.settle(start, steps, GRADUATED + CONVERGED)
     plain = fit.cost
@@ -278,31 +285,45 @@ def search(
 def search_part(
     record: LinearRecord, kinds: Sequence[Kind], known: Search | None, like: Fit | None
 ) -> tuple[LinearRecord, Search]:
-    """Search a record, or as few of its first epochs as show another fault of the IMU if the record is lost."""
-    count, low = record.time.size, known.best.weights.shape[0] if known else FEWEST
-    if known is None or known.best.steps:
-        found = search(record, kinds, known, like, end="lost")
+    """Search a record, or some first epochs of it that show another fault of the IMU if the record is lost.
+
+    A fault that another run of the filter does not confirm lay beyond what is linear: half as many new epochs follow.
+    """
+    count, spent = record.time.size, known.passes if known else 0
+
+    def look(epochs: int, known: Search | None, end: str = "") -> Search:
+        nonlocal spent
+        found = search(record.until(epochs), kinds, known, like, end=end)
+        spent += found.passes - (known.passes if known else 0)
+        return replace(found, passes=spent)
+
+    if known is None or (known.best.steps and not known.limit):
+        found = look(count, known, "lost")
         if found.complete or not found.best.is_lost:
             return record, found
-    begin = record.until(low if low < count else FEWEST)
-    if known and low == count:  # the faults made it worse
-        return begin, replace(search(begin, kinds, None, like, end="once"), complete=False)
-    if known:
-        again = search(begin, kinds, replace(known, complete=False))
+    if known is None or known.epochs == count:  # the faults made it worse
+        known = look(FEWEST, None, "once")
+        if forms_of(known.best.steps):
+            return record.until(FEWEST), replace(known, complete=False)
+    elif not known.limit:
+        again = look(known.epochs, replace(known, complete=False))
+        names, others = ({name for name, _ in forms_of(each.best.steps)} for each in (known, again))
+        if known.before and not names <= others:
+            known = replace(known.before, limit=known.epochs, passes=spent, complete=False)
+            return record.until(known.epochs), known
         if not same(again.best.steps, known.best.steps):
-            return begin, replace(again, complete=False)
+            return record.until(known.epochs), replace(again, complete=False, before=known.before)
         known = again
-
-    def shows(epochs: int) -> bool:
-        part = search(record.until(epochs), kinds, known, like, end="once").best
-        return part.is_lost or forms_of(part.steps) != forms_of(known.best.steps if known else ())
-
-    ahead = 1
-    while low + ahead < count and not shows(low + ahead):
-        low, ahead = low + ahead, 2 * ahead
-    epochs = low + 1 + bisect_left(range(low + 1, min(low + ahead, count)), True, key=shows)
-    found = search(record.until(epochs), kinds, known, like)
-    return record.until(epochs), replace(found, complete=epochs == count)
+    low, high, ahead = known.epochs, known.limit or count, 1
+    while high - low > 1:
+        part = look(min(low + ahead, (low + high) // 2), known, "once")
+        if part.best.is_lost:
+            high = part.epochs
+        elif forms_of(part.best.steps) == forms_of(known.best.steps):
+            low, ahead = part.epochs, 2 * ahead
+        else:
+            return record.until(part.epochs), replace(part, complete=False, before=known)
+    return record.until(high), replace(look(high, known), complete=high == count)
 
 
 def forms_of(steps: Sequence[Step]) -> list[tuple[str, bool]]:

@@ -543,10 +543,10 @@ def lever_contradicted(arm: FloatArray, run: Run) -> Finding:
     return Finding.of(Code.GIVEN_LEVER_ARM_REJECTED, run.solution.time[0], **values)
 
 
-def looked(ready: FilterInput, lever_sd: float | None = None) -> Run:
-    """Navigate the first part of a drive forward; `lever_sd`: instead of the sd of its lever arm [m]."""
+def looked(ready: FilterInput, arm_sd: float = 0.0) -> Run:
+    """Navigate the first part of a drive forward; `arm_sd`: least sd of its lever arm [m]."""
     some, receiver = ready.beginning(SHORT), ready.receiver
-    lever_arm = receiver.lever_arm if lever_sd is None else replace(receiver.lever_arm, sd=lever_sd)
+    lever_arm = replace(receiver.lever_arm, sd=max(receiver.lever_arm.sd, arm_sd))
     receiver = replace(receiver, lever_arm=lever_arm, delay=replace(receiver.delay, least_sd=0.0))
     some = replace(some, receiver=receiver, output=replace(some.output, smooth=False))
     return feed(Navigator(some), some.imu).finish()
@@ -554,5 +554,5 @@ def looked(ready: FilterInput, lever_sd: float | None = None) -> Run:
 
 def lever_off(ready: FilterInput, arm: FloatArray) -> tuple[Run, FloatArray, FloatArray]:
     """Test a specified lever arm (3,) [m]: run that estimates it, differences and least reported ones (3,) [m]."""
-    run = looked(ready, max(ready.receiver.lever_arm.sd, OPENED_ARM))
+    run = looked(ready, OPENED_ARM)
     return run, np.abs(run.lever_b - arm), np.maximum(WRONG, SURE_ARM * run.lever_sd)

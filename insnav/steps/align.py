@@ -45,9 +45,12 @@ def align(recording: Recording, model: Model) -> tuple[Recording, Model, tuple[F
     if not as_given(recording.inputs):
         if model.receiver.delay.source == "given":
             aligned, model = with_right_delay(aligned, recording, model, given)
-        free = model
-        if model.receiver.lever_arm.source == "given" and not model.receiver.lever_arm.sd:
-            aligned, free = _with_right_arm(aligned, recording, model, given)
+        free, arm = model, model.receiver.lever_arm
+        if arm.source == "given" and not arm.sd:  # gyros that are noisier than assumed make an arm shorter
+            run, off, limit = lever_off(aligned.ready, arm.value)
+            if (off > limit).any() and pretended(aligned.ready, run) <= PRETENDED:
+                free = replace(model, receiver=replace(model.receiver, lever_arm=LeverArm(sd=LEVER_SD, source="prior")))
+                aligned = _on_time(recording, free, given)
         if given is not None:
             with suppress(AlignmentError):  # the drive does not determine the heading
                 aligned = with_right_heading(aligned, _on_time(recording, free, None))
@@ -68,17 +71,6 @@ def with_right_delay(
     values: dict[str, Any] = {"given_s": given, "estimate_s": other.clock, "estimate_sd_s": sd}
     rejected = Finding.of(Code.GIVEN_DELAY_REJECTED, other.ready.initial.time, subject="gps", **values)
     return replace(other, findings=(*other.findings, rejected)), free
-
-
-def _with_right_arm(
-    aligned: Aligned, recording: Recording, model: Model, heading: float | None
-) -> tuple[Aligned, Model]:
-    """Keep the given lever arm, or leave it to the filter if the drive contradicts it beyond the noise of its gyros."""
-    run, off, limit = lever_off(aligned.ready, model.receiver.lever_arm.value)
-    if not (off > limit).any() or pretended(aligned.ready, run) > PRETENDED:
-        return aligned, model
-    free = replace(model, receiver=replace(model.receiver, lever_arm=LeverArm(sd=LEVER_SD, source="prior")))
-    return _on_time(recording, free, heading), free
 
 
 def _on_time(recording: Recording, model: Model, heading: float | None) -> Aligned:
