@@ -79,7 +79,7 @@ class Search:
     @property
     def epochs(self) -> int:
         """Number of epochs."""
-        return self.best.weights.shape[0]
+        return int(self.best.weights.shape[0])
 
 
 class _Searcher:
