@@ -10,6 +10,7 @@ from insnav.findings import Code, Severity
 from insnav.input import read_gps, read_imu
 from tests.input.files import GPS_HEADER, IMU_HEADER, as_text, fixes, noted, rolling, write
 from tests.refusals import refused
+from tests.reversed_messages import as_shown
 
 ROWS = rolling(1000)
 
@@ -195,7 +196,7 @@ def test_facts_are_ready_for_json_and_people(tmp_path):
     assert facts["n_rows"] == 1000
     assert len(facts["sha256"]) == 64
     assert facts["columns"]["gyro_x_rad_s"] == "gyro_x_rad_s [rad/s]"
-    assert "1000 rows" in reading.facts.lines()[0]
+    assert f"1000{as_shown(' rows, ')}" in reading.facts.lines()[0]
 
 
 def test_the_same_file_gives_the_same_bytes(tmp_path):

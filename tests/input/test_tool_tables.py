@@ -19,6 +19,7 @@ from insnav.input.interpret.schema import GPS_SCHEMA
 from insnav.session.read import read
 from tests.input.files import IMU_HEADER, fixes, noted, rolling
 from tests.refusals import refused
+from tests.reversed_messages import as_shown
 
 START = 1_711_483_461.5  # [s]
 
@@ -251,7 +252,7 @@ def test_a_spreadsheet_is_named_and_its_export_advised(tmp_path, kind):
     with refused(InputError, "format.other_data") as caught:
         read_imu(path)
     assert caught.value.values["kind"] == "a spreadsheet"
-    assert "CSV" in caught.value.fix
+    assert as_shown("CSV") in caught.value.fix
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
