@@ -22,23 +22,22 @@ from numpy.typing import NDArray
 
 from insnav.exceptions import NO_ROOM, OutputError, reason_of
 
-LARGE = 64 << 20  # bytes; larger arrays are always in a file
+LARGE = 64 << 20  # bytes in memory of all arrays that are not small; others are in files
 SMALL = 1 << 20  # bytes; smaller arrays are always in memory
-MOST = 192 << 20  # total bytes in memory of arrays between these sizes: page faults of a file cost more
 ROWS = 1 << 16  # of a block
 _mapped: weakref.WeakSet[mmap.mmap] = weakref.WeakSet()
 _held: dict[int, int] = {}  # bytes of arrays in memory that are not small
 
 
 def empty(shape: Sequence[int], dtype: Any = np.float64) -> NDArray[Any]:
-    """Allocate an array; in a file if it is larger than `LARGE`, or others already fill the memory.
+    """Allocate an array; in a file if others already fill the memory.
 
     Raises: OutputError: the disk is too full for the file.
     """
     size = math.prod(shape) * np.dtype(dtype).itemsize
     if size <= min(SMALL, LARGE):
         return np.empty(shape, dtype)
-    if size <= LARGE and size + sum(_held.values()) <= MOST:
+    if size + sum(_held.values()) <= LARGE:
         array = np.empty(shape, dtype)
         _held[id(array)] = size
         weakref.finalize(array, _held.pop, id(array)).atexit = False
@@ -151,10 +150,10 @@ def every(array: NDArray[Any], step: int) -> NDArray[Any]:
 
 def chosen(array: NDArray[Any], selection: NDArray[Any]) -> NDArray[Any]:
     """Select rows of an array by a mask, or by numbers."""
-    if array.nbytes <= LARGE:
-        return np.asarray(array[selection])
     numbers = np.flatnonzero(selection) if selection.dtype == np.bool_ else selection
-    return by_blocks(lambda some: array[some], numbers)
+    found = by_blocks(lambda some: np.asarray(array[some]), numbers)
+    release()
+    return found
 
 
 def joined(parts: Sequence[NDArray[Any]]) -> NDArray[Any]:

@@ -36,7 +36,6 @@ def small(monkeypatch, tmp_path):
     monkeypatch.setattr(spill, "LARGE", 1 << 12)
     monkeypatch.setattr(spill, "ROWS", 777)
     monkeypatch.setattr(smoother, "ROWS", 50)
-    monkeypatch.setattr(spill, "MOST", 0)
     monkeypatch.setattr(run_recorder, "ROOM", 100)
     monkeypatch.setattr(spill.tempfile, "tempdir", str(tmp_path))
     return tmp_path

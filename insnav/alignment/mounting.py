@@ -25,7 +25,7 @@ from numpy.typing import ArrayLike
 from insnav.alignment.align import stationary_of
 from insnav.alignment.in_motion import SLOWEST, SUDDEN, gives_velocities, interval_of, positions_alone, velocity
 from insnav.alignment.static import summarize
-from insnav.attitude import quat_from_dcm, rph_from_quat, wrap_pi
+from insnav.attitude import quat_from_dcm, rph_from_quat, skew, wrap_pi
 from insnav.earth import gravity_n, ned_offset
 from insnav.kernels.alignment import mean_rotation, window_histories
 from insnav.strapdown import Intervals, joined
@@ -271,10 +271,10 @@ def _increments_of(turn: FloatArray) -> FloatArray:
 
     To second order in the angles (Bortz, IEEE Trans. AES 7 (1971) 61-66), with gyros multiplied by `turn` (3, 3).
     """
-    matrix, columns = np.zeros((36, 9)), turn.T[:, None]
+    matrix, across = np.zeros((36, 9)), np.swapaxes(skew(turn.T), 1, 2)
     matrix[:3, :3], matrix[3:9, 3:] = turn.T, np.eye(6)
-    matrix[9:18, :3] = 0.5 * np.cross(columns, turn.T).reshape(9, 3)
-    matrix[18:27, 3:6] = matrix[27:, 6:] = np.cross(columns, np.eye(3)).reshape(9, 3)
+    matrix[9:18, :3] = 0.5 * (turn.T @ across).reshape(9, 3)
+    matrix[18:27, 3:6] = matrix[27:, 6:] = across.reshape(9, 3)
     return matrix
 
 

@@ -15,7 +15,7 @@ from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
-from insnav import attitude
+from insnav import attitude, spill
 from insnav.earth import lla_offset, ned_offset
 from insnav.exceptions import InputError
 from insnav.input.interpret.overlap import LEAP, ZONE, named_offset
@@ -332,8 +332,7 @@ def travelled(solution: Trajectory) -> tuple[float, float, float]:
 
     Returns: `distance` [m]. `moving`: time faster than `MOVING_M_S` [s]. `fastest` [m/s].
     """
-    north, east, down = solution.v_n.T
-    speed = np.sqrt(north**2 + east**2 + down**2)  # numpy's norm of rows is four times slower
+    speed = spill.by_blocks(lambda v: np.sqrt(v[:, 0] ** 2 + v[:, 1] ** 2 + v[:, 2] ** 2), solution.v_n)
     step = np.where(speed[1:] > MOVING_M_S, np.diff(solution.time), 0.0)
     return float(np.sum(speed[1:] * step)), float(np.sum(step)), float(speed.max(initial=0.0))
 

@@ -153,7 +153,7 @@ class Record:
                 add_moved(state, at, room.motion[own], delay_sd, between)
                 part, first = slice(first, first + len(at)), first + len(at)
                 known[part], found[part] = at + begin - count, between
-        for block in spill.blocks(some):
+        for block in spill.blocks(some, size=max(ROWS * some // max(rows, 1), 1)):
             # rows between two known rows need both
             before = slice(max(block.start - 1, 0), block.stop)
             first = int(known[before.start]) if before.start else 0

@@ -98,10 +98,10 @@ class History:
             last = min(count, (number + 1) * ROWS)
             part = slice(number * ROWS, last)
             block = self._blocks[number][: last - number * ROWS]
-            earlier = self._blocks[number - 1][-1] if number else block[0]
+            earlier, arm_of = self._blocks[number - 1][-1] if number else block[0], slice(kernel.ARM, kernel.RESIDUAL)
             kernel.backward(block, n, least_delay_sd, adjoint, information, *(each[part] for each in found))
             head[part] = block[:, : kernel.RESIDUAL]
-            arms = np.vstack([earlier, block])[:, kernel.ARM : kernel.RESIDUAL]
+            arms = np.vstack([earlier[arm_of], block[:, arm_of]])  # a whole row has a thousand numbers
             _place(head[part], arms, arm, after[part], before[part], covariance[part])
             self._blocks.pop()
             spill.release()

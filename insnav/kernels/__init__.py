@@ -21,9 +21,13 @@ with deferred("yaml"):  # numba only tests whether this module exists
     import numba
 from numba.core.caching import CompileResultCacheImpl, FunctionCache
 from numba.core.codegen import ll  # type: ignore[attr-defined]
+from numba.core.runtime import _nrt_python as _nrt  # type: ignore[attr-defined]
 from numba.core.runtime.nrt import rtsys
 
 CONTENT = hashlib.sha256(b"".join(each.read_bytes() for each in sorted(Path(__file__).parent.glob("*.py")))).hexdigest()
+# C functions of numba for the linker: a stored kernel contains the compiled ones. To compile them costs 20 MB, 15 ms.
+for _name, _address in _nrt.c_helpers.items():
+    ll.add_symbol(_name if _name.startswith("_") else f"NRT_{_name}", _address)
 _NAMED = "numba.cpython.numbers", "numba.np.arrayobj", "numba.np.npyimpl"
 
 
@@ -58,7 +62,6 @@ class _Kept(FunctionCache):
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         """Load without the method's usual import of numba's model of numpy. It is needed only to compile."""
         found = None
-        rtsys.initialize(target_context)
         try:
             # the pickle of a kernel names these modules as the origin of inner functions, and needs none of their
             # content
@@ -68,6 +71,7 @@ class _Kept(FunctionCache):
             with suppress(OSError):
                 self.flush()  # type: ignore[no-untyped-call]
         if found is None:
+            rtsys.initialize(target_context)
             with deferred("scipy.linalg", "scipy.linalg.cython_blas"):  # as above
                 import_module("numba.np.arraymath")
         return found

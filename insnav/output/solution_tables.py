@@ -18,6 +18,7 @@ import pyarrow as pa
 import pyarrow.csv
 
 from insnav import spill
+from insnav.deferred import library
 from insnav.exceptions import InputError
 from insnav.findings import Finding, by_time
 from insnav.messages import render
@@ -27,6 +28,7 @@ from insnav.quantity import quantity_of
 from insnav.tabular import Tabular, unit_of
 from insnav.types import GpsData, Innovations, SensorErrors, Trajectory
 
+parquet = library("pyarrow.parquet")  # its file systems are slow to import
 TableFormat = Literal["csv", "parquet"]
 T = TypeVar("T", bound=Tabular)
 
@@ -67,7 +69,7 @@ def write_run_table(folder: Path, data: Tabular, file_format: TableFormat = "csv
                 # Unique numbers gain nothing from a dictionary or statistics. Snappy reduces the size by 4 % in twice
                 # the time.
                 how = {"use_dictionary": False, "write_statistics": False, "compression": "none"}
-                writer = closing.enter_context(_parquet().ParquetWriter(stream, table.schema, **how))
+                writer = closing.enter_context(parquet.ParquetWriter(stream, table.schema, **how))
             writer.write_table(table)
     return path
 
@@ -122,7 +124,7 @@ def read_run_table(folder: Path, kind: type[T], name: str = "") -> T:
     if path is None:
         raise InputError("output.no_table", where=str(folder), table=name)
     try:
-        table = pa.csv.read_csv(path) if path.suffix == ".csv" else _parquet().read_table(path)
+        table = pa.csv.read_csv(path) if path.suffix == ".csv" else parquet.read_table(path)
         return kind(**{field: _field(table, field, names) for field, names in kind.COLUMNS.items()})
     except (pa.ArrowException, OSError, KeyError, ValueError, TypeError) as error:
         raise InputError("output.unreadable_table", where=str(path), table=name, reason=plain_text(error)) from error
@@ -163,9 +165,3 @@ def _finding_of_row(row: Mapping[str, Any]) -> Finding:
         return Finding.from_dict(times | texts | {"values": json.loads(row["values"])})
     values = {"value": row["value"], "limit": row["limit"], "text": text_of_cell(row["action"])}
     return Finding.from_dict(times | {"code": row["kind"], "severity": "note", "values": values})
-
-
-def _parquet() -> Any:
-    from pyarrow import parquet  # its file systems are slow to import
-
-    return parquet

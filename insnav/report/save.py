@@ -16,6 +16,7 @@ from __future__ import annotations
 import math
 import platform
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from enum import Enum
 from importlib import import_module, metadata
@@ -32,7 +33,7 @@ from insnav.findings import MODEL_CHOICES, Code, Finding, Severity, is_shown, of
 from insnav.imu.imu_file import load_imu
 from insnav.imu.specification import ImuSpec
 from insnav.input.readers.reading import ReadingFacts
-from insnav.messages import language, phrase, render, sentence, speaking
+from insnav.messages import phrase, render, sentence, speaking
 from insnav.output.data_files import FILE as STORED_FILE
 from insnav.output.data_files import read_stored, store
 from insnav.output.folder import FACTS_FILE, RunFolder, read_facts
@@ -151,12 +152,11 @@ def json_ready(value: Any) -> Any:
 
 def versions() -> dict[str, str | None]:
     """Return the versions of insnav, Python and the packages that affect results."""
-    found: dict[str, str | None] = {"insnav": __version__, "python": platform.python_version()}
+    found: dict[str, Any] = {"insnav": __version__, "python": platform.python_version(), **dict.fromkeys(_VERSIONS_OF)}
     for name in _VERSIONS_OF:
-        try:
-            found[name] = metadata.version(name)
-        except metadata.PackageNotFoundError:
-            found[name] = None
+        with suppress(metadata.PackageNotFoundError):  # `metadata.version` parses all of the text: 7 ms each
+            text = metadata.distribution(name).read_text("METADATA") or ""
+            found[name] = text.partition("\nVersion: ")[2].partition("\n")[0] or None
     return found
 
 
@@ -231,10 +231,8 @@ def save_result(
 
 def facts_of(result: Result[Any]) -> dict[str, Any]:
     """Return the content of a result's ``run.json``, always in English."""
-    if language() == "en":
-        return page_facts(result.page())
     with speaking("en"):
-        return page_facts(page_of(result))
+        return page_facts(result.page())
 
 
 def write_result_pdf(result: Result[Any], file: Path) -> None:

@@ -172,17 +172,14 @@ class Drive:
     @property
     def imu_spec(self) -> ImuSpec:
         """IMU error specification."""
-        return self._imu_model[0]
+        assert self.model.imu is not None
+        return self.model.imu[0]
 
     @property
     def imu_chosen(self) -> Finding:
         """Finding on the choice of the IMU error specification."""
-        return self._imu_model[1]
-
-    @property
-    def _imu_model(self) -> tuple[ImuSpec, Finding]:
         assert self.model.imu is not None
-        return self.model.imu
+        return self.model.imu[1]
 
     @property
     def notes(self) -> tuple[Finding, ...]:

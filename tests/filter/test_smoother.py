@@ -190,7 +190,7 @@ def test_filter_itself_is_the_same_with_and_without():
 def test_same_result_when_the_history_is_on_the_disk(monkeypatch, tmp_path):
     in_memory = drive(2).smoothed
     monkeypatch.setattr(smoother, "ROWS", 50)
-    monkeypatch.setattr(spill, "MOST", 0)
+    monkeypatch.setattr(spill, "LARGE", 0)
     monkeypatch.setattr(spill.tempfile, "tempdir", str(tmp_path))
     on_disk = drive(2).smoothed
     np.testing.assert_array_equal(in_memory.solution.lla, on_disk.solution.lla)

@@ -34,7 +34,7 @@ csv = library("pyarrow.csv")
 name = "delimited text"
 suffixes = (".csv", ".txt")
 
-_BLOCK_BYTES = 1 << 20
+_BLOCK_BYTES, _BLOCKS = 1 << 20, 8  # size, and number read before their memory is released
 _SAMPLE_BYTES = 1 << 16
 _TAIL_BYTES = 1 << 13
 _TAIL_ROWS = 20
@@ -220,14 +220,16 @@ def _read_fast(data: object, dialect: Dialect, indices: Sequence[int]) -> Number
     columns = [spill.empty((rows,)) for _ in indices]
     n = 0
     with stream:
-        for batch in stream:
+        for number, batch in enumerate(stream):
             end = n + batch.num_rows
             if end > len(columns[0]):
                 columns = [spill.joined((column[:n], np.empty(n + batch.num_rows))) for column in columns]
             for column, part in zip(columns, batch.columns, strict=True):
                 column[n:end] = arrow_floats(part)
             n = end
-            spill.release()
+            if number % _BLOCKS == 0:
+                spill.release()
+    pa.default_memory_pool().release_unused()
     return Numbers({i: column[:n] for i, column in zip(indices, columns, strict=True)}, n)
 
 

@@ -290,7 +290,8 @@ def page(result: Result[EvaluatedRun], *, sections: bool = True) -> Page:
     found = result.found
     reference = result.inputs["reference"].path if "reference" in result.inputs else ""
     name = result.inputs["imu"].path if "imu" in result.inputs else "a drive"
-    best = next(iter(rated(found)), "")
+    merits = {mode: run_merits(found, mode) for mode in rated(found)}
+    best = next(iter(merits), "")
     clock = Clock.of(found.run.solution.time)
     shown = tuple(each for each in result.findings if is_shown(each))
     return Page(
@@ -301,9 +302,9 @@ def page(result: Result[EvaluatedRun], *, sections: bool = True) -> Page:
         at=clock.moment,
         starts_at=clock.start,
         verdict=run_verdict(found, sum(each.severity >= Severity.WARNING for each in shown)),
-        merits=run_merits(found, best) if best else (),
+        merits=merits.get(best, ()),
         merits_note="Root mean square over the drive, solution:" if best else "",
-        merits_by={mode: run_merits(found, mode) for mode in rated(found)},
+        merits_by=merits,
         method=tuple(phrase("method.run").splitlines()),
     )
 
