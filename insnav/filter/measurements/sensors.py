@@ -173,7 +173,9 @@ class NonHolonomic:
         return cls(found.to_vehicle, found.lever_b, sd), note
 
 
-LARGEST_SPEED_RMS = 0.5  # of a useful speed: the free-inertial error after tens of seconds [m/s]
+# Of a useful speed: the free-inertial error after tens of seconds. Where the first pass is worse, between fixes far
+# apart, it calibrates none [m/s]
+LARGEST_SPEED_RMS = 0.5
 LAGS = np.arange(-0.2, 2.0, 0.02)  # odometer lag; buses and filters delay it by up to a second [s]
 SCALES = (0.5, 2.0)  # plausible scale factors in the unit of the header
 FEWEST = 100  # values for a calibration
@@ -238,8 +240,6 @@ class Odometer:
         return cls(time - lag, scale * speed, first.mounting.to_vehicle, first.mounting.lever_b, sd), found
 
 
-# Between fixes far apart the first pass drifts, and would spoil scale factor and lag.
-KNOWN_SPEED = 0.3  # standard deviation of a velocity that is good enough for them [m/s]
 LOG_LAGS = np.arange(-1.0, 1.0, 0.02)  # around the offset by correlation [s]
 
 
@@ -271,7 +271,7 @@ class Speedometer(Odometer):
         if offset is None:
             return None, Finding.of(Code.SPEEDOMETER_CLOCK)
         sd = first.solution.sd
-        sure = first.fast if sd is None else first.fast & (np.hypot(sd[:, 3], sd[:, 4]) < KNOWN_SPEED)
+        sure = first.fast if sd is None else first.fast & (np.hypot(sd[:, 3], sd[:, 4]) < LARGEST_SPEED_RMS)
         rows = sure & measurement.near_values(time - offset, first.solution.time)
         if rows.sum() < FEWEST:
             return None, Finding.of(Code.SPEEDOMETER_UNKNOWN, count=rows.sum(), limit_count=FEWEST)
@@ -367,8 +367,7 @@ class HeightAiding:
         return cls(imu.time[known], imu.baro[known] + zero, sd), Finding.of(Code.BAROMETER_USED, rms_m=rms, zero_m=zero)
 
 
-KNOWN_HEADING = 3.0 * DEG  # largest heading sd of the first pass for calibration [rad]
-LARGEST_RMS = 10.0 * DEG  # of a useful heading; steel nearby makes more [rad]
+LARGEST_RMS = 10.0 * DEG  # of a useful heading; steel nearby makes more. A worse first pass calibrates none [rad]
 LEAST_SD = 1.0 * DEG  # bridges, tram lines and other cars rotate the field by this much [rad]
 # Vertical field and vertical hard iron differ only by body tilt: smaller singular values are dropped.
 SINGULAR = 0.05
@@ -395,7 +394,7 @@ class Magnetometer(Heading):
         seen = np.zeros(solution.time.shape[0], dtype=np.bool_)
         if finite.sum() >= FEWEST:
             seen = measurement.near_values(log.time[finite], solution.time)
-        known = seen if solution.sd is None else seen & (solution.sd[:, 8] < KNOWN_HEADING)
+        known = seen if solution.sd is None else seen & (solution.sd[:, 8] < LARGEST_RMS)
         if known.sum() < FEWEST:
             return None, Finding.of(Code.MAGNETOMETER_FEW, count=known.sum(), limit_count=FEWEST)
         time, rph = solution.time[seen], solution.rph[seen]
