@@ -166,7 +166,7 @@ def test_a_drive_is_drawn_before_it_is_navigated() -> None:
     recorded = insnav.load(imu, gps=gps, ref=ref)
     figure = recorded.plot()
     titles = [axes.get_title("left") for axes in figure.axes]
-    assert titles == ["Angular rate", "Specific force", "Fixes, seen from the first", "Velocity of the fixes"]
+    assert titles == ["Angular rate", "Specific force", "Fixes, relative to the first", "Velocity of the fixes"]
     rate, force, fixes, _ = figure.axes
     down = fixes.lines[2].get_ydata()
     height = recorded.gps.data.lla[:, 2]

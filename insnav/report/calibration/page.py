@@ -112,7 +112,7 @@ def _of_six_positions(found: SixPositions) -> Page:
         ),
         (drawing, _turns(found), every, more),
         method=tuple(phrase("method.six", turn_deg=found.angle / DEG, turn_sd_deg=TURN_SD / DEG).splitlines()),
-        merits=(Quantity("position_tilt", found.tilt, "mrad", meaning="positions off by, 1 sd"),),
+        merits=(Quantity("position_tilt", found.tilt, "mrad", meaning="position errors, 1 sd"),),
     )
 
 

@@ -75,7 +75,7 @@ def _verdict(study: RequirementStudy) -> Verdict | None:
         return Verdict("attention", reason, _answer(study))
     if _met(study, "nhc"):
         return Verdict("attention", "only with the NHC", _answer(study))
-    return Verdict("bad", "none of the library meets it", _answer(study))
+    return Verdict("bad", "no IMU of the library meets it", _answer(study))
 
 
 def _merits(study: RequirementStudy) -> tuple[Quantity, ...]:
