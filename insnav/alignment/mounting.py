@@ -251,19 +251,19 @@ class _Sums:
         return cls(time, np.vstack([np.zeros(27), np.cumsum(rows, axis=0)]))
 
     def between(self, times: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return lengths (m - 1,) and sums (m - 1, 36) of the intervals between times, for `_increments_of`."""
+        """Return lengths (m - 1,) and sums (m - 1, 36) of intervals: angles, velocities, positions, angles by each."""
         times = np.clip(times, self.time[0], self.time[-1])
         at = np.minimum(np.searchsorted(self.time, times, side="right"), self.time.size - 1)
         share = (self.time[at] - times) / (self.time[at] - self.time[at - 1])
         table = self.table[at] + share[:, None] * (self.table[at - 1] - self.table[at])
         length, change, start = np.diff(times), np.diff(table, axis=0), table[:-1]
-        some, way = change[:, :6], change[:, 6:9] - start[:, 3:6] * length[:, None]
-        middle = (start[:, :3] + 0.5 * some[:, :3])[:, :, None]
-        products = change[:, 9:].reshape(-1, 3, 6) - middle * some[:, None]
-        # a constant force moves it along its direction after a third of the interval, not a half
-        third = some[:, :3, None] * way[:, None] / -6.0
+        turn_and_velocity, path = change[:, :6], change[:, 6:9] - start[:, 3:6] * length[:, None]
+        middle = (start[:, :3] + 0.5 * change[:, :3])[:, :, None]  # angles are relative to those at half the rotation
+        products = change[:, 9:].reshape(-1, 3, 6) - middle * turn_and_velocity[:, None]
+        # a constant force has its mean effect on the position after a third of the interval, not a half
+        third = change[:, :3, None] * path[:, None] / -6.0
         by_sensor = [each.reshape(-1, 9) for each in (products[..., :3], products[..., 3:], third)]
-        return length, np.hstack([some, way, *by_sensor])
+        return length, np.hstack([turn_and_velocity, path, *by_sensor])
 
 
 def _increments_of(turn: FloatArray) -> FloatArray:

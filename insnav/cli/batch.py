@@ -65,7 +65,7 @@ def batch(
                 progress=lambda done: stage("navigating", done / len(found), len(found)),
             )
         except Stopped:
-            note("the drives that are finished are kept: the same command again goes on")
+            note("finished drives are kept: the same command continues")
             raise
         stage("writing")
         aside = moved_aside(folder)

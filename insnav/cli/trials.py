@@ -195,7 +195,7 @@ def _many(folder: RunFolder, plan: Plan, runs: int, engine: str, resume: bool, s
         written = write_runs(folder, plan, done)
     except Stopped:
         if checkpoint.path.exists():
-            note("the runs that have ended are kept: the same command with --resume goes on")
+            note("finished runs are kept: the same command with --resume continues")
         raise
     checkpoint.remove()
     return written

@@ -132,7 +132,7 @@ class InnovationLikelihood:
         return InnovationLikelihood(self._ready, self.prior, noise)
 
     def doubted(self, noise: NoiseEstimate) -> InnovationLikelihood:
-        """Copy with the prior of position sds at the values of `noise`, if the reported sds are far too small."""
+        """Copy for a receiver with far too small reported sds: `noise` is the middle of the prior of position sds."""
         part, larger = copy(self), np.clip(noise.white, 1.0, ALIKE)
         middle = dict(zip(LEVELS, np.log(noise.position_factor[1:] * larger), strict=True))
         part.parameters = tuple(replace(p, middle=float(middle.get(p.key, p.middle))) for p in self.parameters)

@@ -206,7 +206,7 @@ class LateFixes:
         span = -(delay + drift * seen.away)
         since = v, p, c = self._since(span)
         arm, s = _times(c, seen.lever), span[:, None]
-        # errors are estimate minus truth; see `insnav.kernels.measurements`
+        # `s`: from epoch to measurement [s]. `v`, `p`: motion in it by the IMU alone. See `insnav.kernels.measurements`
         z, h = self._z, self._h
         z[rows, :3] = seen.off + seen.v * s + p + 0.5 * self._gravity * s**2 + arm + seen.lasting[:, :3]
         h[rows, :3, 3:6] = s[..., None] * np.eye(3)

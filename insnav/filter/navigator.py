@@ -257,19 +257,19 @@ class Navigator:
         self._tail = buffer.rows(slice(max(0, ready - 2 * self._margin), None))
 
     def _sense(self, times: FloatArray, late: FloatArray, parts: strapdown.Intervals) -> None:
-        """Compute rates and specific forces about each of the next fixes (k,) [s], for `felt`."""
+        """Compute rates and forces about the next fixes (k,) [s], with velocities `late` (k,) [s] old, for `felt`."""
         half, number = 0.5 * self._nominal, int(SEEN / self._nominal)
-        angles, several, slow = turned(parts), [times], SEEN
+        angles, instants, reach = turned(parts), [times], SEEN  # instants: whose mean a velocity is; reach of rates [s]
         swings = older = self._sensed[3]
         if late.any():
-            several = [times - each * late for each in self._receiver.lag.moments]
-            slow = SEEN if len(several) == 1 else max(SEEN, np.abs(late).max())
-            reach = max(half, np.abs(late).max() * (len(several) - 1) / len(several) ** 2)
-            swings = np.mean([rates_at(each - half, parts.end, angles, reach) for each in several], axis=0)
-            older = np.mean([since(times, times - each, parts) for each in several], axis=0)
+            oldest, instants = np.abs(late).max(), [times - share * late for share in self._receiver.lag.moments]
+            reach = SEEN if len(instants) == 1 else max(SEEN, oldest)
+            swing_reach = max(half, oldest * (len(instants) - 1) / len(instants) ** 2)
+            swings = np.mean([rates_at(instant - half, parts.end, angles, swing_reach) for instant in instants], axis=0)
+            older = np.mean([since(times, times - instant, parts) for instant in instants], axis=0)
         # an acceleration of another shape than the velocity would bias the delay towards zero
-        forces = [forces_about(each, parts, max(1, number)) for each in several]
-        rates = [rates_at(each, parts.end, angles, slow) for each in several]
+        forces = [forces_about(instant, parts, max(1, number)) for instant in instants]
+        rates = [rates_at(instant, parts.end, angles, reach) for instant in instants]
         mean = [each[0] if len(each) == 1 else np.mean(each, axis=0) for each in (rates, forces)]
         self._sensed = mean[0], mean[1], swings, older
 

@@ -26,7 +26,7 @@ from insnav.imu.noise_density import rounding_changes
 from insnav.imu.specification import ImuSpec
 from insnav.types import Alignment, FloatArray, GpsData, ImuData
 
-STILL_SD = 0.05  # velocity of a vehicle that the alignment found stationary, engine running [m/s]
+STILL_SD = 0.05  # sd of the velocity of a stationary vehicle with its engine running [m/s]
 JITTER_WORTH = 1e-4  # a smaller timestamp scatter is rounding; at 30 m/s it makes 3 mm [s]
 LONGEST_GAP = 3.0  # longest bridged data gap: the turn in a longer gap is unknown [s]
 SHORTEST = 10.0  # shorter parts are not navigated: they are too short for an alignment [s]

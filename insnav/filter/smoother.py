@@ -68,8 +68,8 @@ class History:
 
     def aiding(self, part: slice, z: FloatArray, h: FloatArray, r: FloatArray) -> None:
         """Store the accepted rows of an aiding measurement at the last epoch."""
-        kind = (1 << part.stop) - (1 << part.start)
-        kernel.keep_measurement(self.last, kind, kernel.AIDING, z, h, r)
+        used_rows = (1 << part.stop) - (1 << part.start)  # one bit each
+        kernel.keep_measurement(self.last, used_rows, kernel.AIDING, z, h, r)
 
     def restart(self, time: float, x: FloatArray, correction: FloatArray, arm: FloatArray, p: FloatArray) -> None:
         """Store a reset: later data carry no information on earlier states."""

@@ -172,7 +172,7 @@ def _sorted(files: Sequence[str | Path], patient: _Patient, roles: Mapping[Path,
         role = next((part for part in parts if part not in given), "reference")
         other = "IMU" if kinds == {"imu"} else "reference" if kinds and role in given else ""
         if other and role != "imu" and Path(each) not in roles:
-            patient.roles[str(each)] = f"another {other}: not looked at"
+            patient.roles[str(each)] = f"another {other}: not checked"
             continue
         role = roles.get(Path(each), role)
         if not kinds and Path(each) not in roles:

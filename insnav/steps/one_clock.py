@@ -54,7 +54,7 @@ def one_clock(recording: Recording, model: Model) -> tuple[Recording, Model, tup
     parts = joined(pieces(imu.data))
     fixes = replace(fixes, time=fixes.time - (inputs.get("gps_delay") or 0.0))
     apart = overlap(imu.data, gps.data) == 0.0
-    if not apart:  # first: far too large turns fit at another time
+    if not apart:  # before the clocks: turns in a wrong unit would fit at a wrong offset
         _check_gyro_unit(imu, parts, fixes)
         if given is None:
             _check_radians(gps.facts.path, parts, fixes)

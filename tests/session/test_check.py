@@ -217,10 +217,10 @@ def test_files_of_other_drives_are_not_taken_for_parts_of_this_one(tmp_path):
     roles = {path.rsplit("/", 1)[-1]: role for path, role in found.roles.items()}
     assert roles == {
         "a.csv": "IMU",
-        "b.csv": "another IMU: not looked at",
+        "b.csv": "another IMU: not checked",
         "gps.csv": "GPS",
         "ref.csv": "reference",
-        "ref_2.csv": "another reference: not looked at",
+        "ref_2.csv": "another reference: not checked",
     }
 
 

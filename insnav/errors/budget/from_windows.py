@@ -468,7 +468,7 @@ def typical_window(part: RecordedPart) -> int:
 
 
 def window_motion(budget: RecordedBudget, duration: float) -> SampledMotion:
-    """Motion of the typical window, from the smoothed track of the drive.
+    """Motion of the window closest to the mean prediction, from the smoothed track of the drive.
 
     `duration`: from the start of the window [s].
     """

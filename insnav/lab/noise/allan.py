@@ -417,7 +417,7 @@ def fit_noise(allan: AllanDeviation, column: int = 0) -> NoiseModel:
     """
     rows = _chosen(allan)
     floor, markov = (_Fitter(allan, column, rows).fit(np.array([n != out for n in NAMES])) for out in ("GM", "B"))
-    # a bump needs significant improvement for its two parameters over a flat floor or a walk
+    # a Gauss-Markov process has two parameters more, so it must fit significantly better than a floor or a walk
     best = markov if markov.likelihood + SIGNIFICANT < floor.likelihood else floor
     time = best.time
     sd = math.sqrt(best.spread[-1, -1]) * time if math.isfinite(time) else 0.0

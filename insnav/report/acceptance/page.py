@@ -57,7 +57,7 @@ def page(result: Result[Acceptance]) -> Page:
         verdict=by_warnings(
             f"Largest of the axes: {largest}." if merits else f"Figures of {names}{at_rest}.",
             result.findings,
-            ("unknown", "measured; no limit was given to hold them against"),
+            ("unknown", "measured; no limit was given"),
         ),
     )
 
@@ -209,7 +209,7 @@ def stability_panels(sensors: Sequence[tuple[str, Sequence[Stability], str]]) ->
     `sensors`: name, stabilities from the shortest parts to the longest, and unit.
     """
     clock = Clock.of(sensors[0][1][0].time)
-    note = "less the mean of the whole record; the scatter of the means is the bias stability"
+    note = "minus the mean of the whole record; the scatter of the means is the bias stability"
     for name, stabilities, unit in sensors:
         middle = stabilities[0].spread.values.mean()
         curves = []

@@ -65,7 +65,7 @@ def budget_panels(budget: Budget, windows: RecordedBudget | None, origin: str) -
 def _growth(budget: Budget, part: RecordedPart | None) -> Panel:
     """Draw the horizontal error over time by all methods, with the spread of recorded windows."""
     time, whole, zero = budget.time, budget.covariance, np.zeros(len(budget.time))
-    note = "grey: recorded windows, errors of the reference in them; purple: 95 % interval of their RMS"
+    note = "grey: recorded windows, including reference errors; purple: 95 % interval of their RMS"
     curves = [] if part is None else _recorded(part)
     curves += [
         Curve("up to the worst-case sum", time, budget.worst[:, 3], SKY, "band", zero),
@@ -159,7 +159,7 @@ def _reason(each: Verdict, part: RecordedPart) -> str:
     interval = f" ({number(each.low)} … {number(each.high)} m)" if known else ""
     head = f"{each.component}: recorded {value}{interval}, predicted {number(each.predicted)} m: {_kind(each)}"
     if not each.explained:
-        return f"{head}: the stated errors of IMU and fixes do not make it; see the causes below"
+        return f"{head}: the stated errors of IMU and fixes do not explain it; see the causes below"
     if each.cautious:
         return f"{head}: the stated errors are cautious"
     windows = part.growth.effective
@@ -435,7 +435,7 @@ def _light(budget: Budget, windows: RecordedBudget | None) -> tuple[Light, str]:
             return "unknown", "predicted only: neither simulated (--runs) nor compared with a recorded drive"
         return "good", f"{simulated.runs} simulated runs agree with the covariance"
     if windows.settings.start != "forward":
-        return "attention", "windows begin with the smoothed state, which has seen the fixes in them"
+        return "attention", "windows start from the smoothed state, which uses the fixes in them"
     wrong = [each for each in windows.shown.verdicts if not each.explained]
     if wrong:
         worst = max(wrong, key=lambda each: each.recorded / max(each.predicted, 1e-300))

@@ -124,7 +124,7 @@ def _against_replicas(made: Replicas) -> str:
             band = interval_text(float(made.low[-1, i]), float(made.high[-1, i]))
             outside.append(f"{name} {number(float(made.recorded[-1, i]))} m, band {band} m")
     why = (
-        "this recording is worse than the stated IMU and fix errors; vibration and mounting, for two, are not stated"
+        "this recording is worse than the stated IMU and fix errors; these omit vibration and mounting, for example"
         if larger
         else "this recording is better than the stated IMU and fix errors"
     )

@@ -64,7 +64,7 @@ def multi_position_page(calibration: Calibration[ReadingFacts, Found]) -> Page:
             ),
             *own.merits,
         ),
-        merits_note="RMS over the positions; left out: by a calibration that has not seen the position",
+        merits_note="RMS over the positions; left out: by a calibration without the position",
         method=(*own.method, *phrase("method.poses_and_six", gravity_m_s2=found.g).splitlines()),
     )
 
@@ -112,7 +112,7 @@ def _of_six_positions(found: SixPositions) -> Page:
         ),
         (drawing, _turns(found), every, more),
         method=tuple(phrase("method.six", turn_deg=found.angle / DEG, turn_sd_deg=TURN_SD / DEG).splitlines()),
-        merits=(Quantity("position_tilt", found.tilt, "mrad", meaning="positions off by, 1 sd"),),
+        merits=(Quantity("position_tilt", found.tilt, "mrad", meaning="position errors, 1 sd"),),
     )
 
 
@@ -285,7 +285,7 @@ def poses_panels(found: PosesCalibration) -> tuple[Panel, ...]:
         _size("calibrated", between, found.turn_after[used] / DEG, BLUE),
         _size("left out", between, found.turn_left_out[used] / DEG, ORANGE, "crosses"),
     ]
-    note = "left out: by a calibration that has not seen it"
+    note = "left out: by a calibration without it"
     across = "number of the pose; turns between"
     return (
         Panel("gravity", "Error of gravity", "| |f| - g | [mg]", across, tuple(gravity), "pose", note, log="y"),

@@ -34,7 +34,7 @@ def page(result: Result[Checked]) -> Page:
     run = _run_line(found, "the first problem is solved")
     left = _to_mend(found)
     files = ", ".join(f"{each.kind} {each.n_used} rows" for each in result.inputs.values())
-    counted = {"good": "nothing to mend was found", "attention": f"{len(left)} to mend", "bad": "the files do not run"}
+    counted = {"good": "no problem found", "attention": f"{len(left)} to mend", "bad": "the files do not run"}
     light: Light = "bad" if not found.runs else "attention" if left else "good"
     return Page(
         "Check of a recording",
@@ -84,7 +84,7 @@ def text(result: Result[Checked], width: int | None = None, *, brief: bool = Fal
     laid_out, at = result.page(), _from_start(result)
     left = _to_mend(result.found)[:_TO_MEND]
     mend = [f"{translated(f'mend {i}')}: {sentence(each, at=at)}" for i, each in enumerate(left, 1)]
-    mend = mend or [translated("nothing to mend was found")]
+    mend = mend or [translated("no problem found")]
     listed = {*result.found.problems, *(each for each in result.findings if each.timed)}
     shown = replace(laid_out, summary=(), findings=tuple(each for each in result.findings if each not in listed))
     run = plain_text(_run_line(result.found, "mend 1"))  # to be copied

@@ -196,7 +196,7 @@ def _panels(time: FloatArray, each: GyroDrift) -> tuple[Panel, Panel, Panel]:
     limits = 0.4 * min(float(x[x > 0.0].min(initial=1.0)) for x in values), 3.0 * max(float(x.max()) for x in values)
     answer = each.recorded or each.computed
     error = (answer.smoothed - answer.rate) / DEG
-    ramp = Curve(f"smoothed less true rate: lag {answer.lag:.3g} s", answer.time - answer.time[0], error, colour)
+    ramp = Curve(f"smoothed minus true rate: lag {answer.lag:.3g} s", answer.time - answer.time[0], error, colour)
     kind = "recorded" if answer.measured else "computed"
     name = f"Gyro {axis}"
     labels = f"{name}, Allan deviation", "deviation [deg/h]", "averaging time [s]"

@@ -57,8 +57,8 @@ def _parts_page(parts: Sequence[Part]) -> Page:
     return Page(
         f"{len(parts)} real IMUs",
         (
-            "Any of them goes where an IMU model does: --imu STIM300.",
-            "insnav imus STIM300 shows every figure of a part and where it stands.",
+            "Use any of them as the IMU model: --imu STIM300.",
+            "insnav imus STIM300 shows every figure of a part and its source.",
         ),
         (Section("imus", rows=tuple(map(_part_row, parts))), by_class),
         findings=RULES,

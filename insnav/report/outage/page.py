@@ -50,7 +50,7 @@ _COMPONENTS = {
 }
 _UNFOLDED = ("horizontal", "smoothed horizontal")
 _POINTS = 24  # times of the statistics
-NOTE = "errors of the reference in all lines"
+NOTE = "all lines include errors of the reference"
 BELOW = "below reference noise"
 
 

@@ -201,7 +201,7 @@ def _demonstration(found: Demonstration) -> Page:
                 Quantity(name, end, "m", meaning=f"{name} after {platform_errors.PATTERN / 3600:g} h of circles")
                 for name, end in ends.items()
             ),
-            Quantity("apart", 100.0 * apart, "", meaning="platform and closed form at rest apart [%]", digits=2),
+            Quantity("apart", 100.0 * apart, "", meaning="difference from the closed form at rest [%]", digits=2),
             *(Quantity(each.integrator, each.order, meaning=f"order of {each.integrator}") for each in orders[1:]),
         ),
         verdict=Verdict(

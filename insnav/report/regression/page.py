@@ -143,7 +143,7 @@ def _drawings(found: Regression) -> tuple[Section, ...]:
         lines = panels.history_panels(history, baseline, BY_KEY[key])
         over_versions.append(drawn(f"accuracy_{key}", title, lines, note, columns=panels.COLUMNS))
     growth, title = panels.growth_panels(cases, baseline), "Horizontal error without GPS, now and in the baseline"
-    note = "RMS over all windows of all drives of a case; other aiding (NHC, ZUPT) is used where found"
+    note = "RMS over all windows of all drives of a case; other aiding (NHC, ZUPT) is used if available"
     predicted = "Actual error against predicted standard deviation"
     points = "points: RMS over the drives of a case in an eighth of their time; above the grey line: over-confident"
     return (

@@ -33,7 +33,7 @@ TONES = (
     ("worse2", "5 %"),
     ("worse3", "20 % and more"),
     ("fails", "fails"),
-    ("unclear", f"too few drives to find a change of {100 * FAILS_FROM:g} %"),
+    ("unclear", f"too few drives to detect a change of {100 * FAILS_FROM:g} %"),
 )
 
 

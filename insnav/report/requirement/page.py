@@ -75,7 +75,7 @@ def _verdict(study: RequirementStudy) -> Verdict | None:
         return Verdict("attention", reason, _answer(study))
     if _met(study, "nhc"):
         return Verdict("attention", "only with the NHC", _answer(study))
-    return Verdict("bad", "none of the library meets it", _answer(study))
+    return Verdict("bad", "no IMU of the library meets it", _answer(study))
 
 
 def _merits(study: RequirementStudy) -> tuple[Quantity, ...]:
@@ -87,8 +87,8 @@ def _merits(study: RequirementStudy) -> tuple[Quantity, ...]:
         if study.allocation.feasible
     )
     counts = (
-        Quantity("parts_alone", len(_met(study, "alone")), meaning="IMUs that meet it alone, likely ones too"),
-        Quantity("parts_nhc", len(_met(study, "nhc")), meaning="with NHC, likely ones too"),
+        Quantity("parts_alone", len(_met(study, "alone")), meaning="IMUs that meet it without aiding, or likely do"),
+        Quantity("parts_nhc", len(_met(study, "nhc")), meaning="with NHC, or likely do"),
     )
     return (*counts, *found) if study.candidates else found
 
@@ -108,7 +108,7 @@ def _answer(study: RequirementStudy) -> str:
 def _likely(study: RequirementStudy, kind: str) -> str:
     """Write the number of parts that also meet it with class figures for undocumented ones."""
     count = len(_met(study, kind, "likely"))
-    return f" and {count} more likely do (figures of their class where no document gives any)" if count else ""
+    return f" and {count} others likely do (with class figures for missing ones)" if count else ""
 
 
 def _parts(study: RequirementStudy) -> tuple[Section, ...]:

@@ -251,10 +251,10 @@ def _motion(found: EvaluatedRun, axis: RunAxis) -> list[Panel]:
         seen = [Curve(name, at, values, color, "points") for name, values, color in named if values is not None]
     return [
         axis.panel("speed", "Speed", "speed [m/s]", speeds),
-        axis.panel("height", "Height", "height [m]", heights, note="of the IMU, zero as in the fixes"),
+        axis.panel("height", "Height", "height [m]", heights, note="height of the IMU, datum of the fixes"),
         axis.panel("tilt", "Roll and pitch", "angle [deg]", tilts, note="roll: right side down; pitch: nose up"),
         axis.panel("heading", "Heading", "heading [deg]", headings, note="from north, clockwise", limits=(-5.0, 365.0)),
-        *([axis.panel("reception", "Satellites and DOP", "[-]", seen, note="as the receiver reports")] if seen else []),
+        *([axis.panel("reception", "Satellites and DOP", "[-]", seen, note="from the receiver")] if seen else []),
     ]
 
 
@@ -271,7 +271,7 @@ def _events(run: Run, axis: RunAxis) -> list[Panel]:
     if not curves:
         return []
     height = 70 + 34 * len(rows)
-    note = "point at one to read it, click to go there"
+    note = "hover over an event to read it, click to go there"
     return [axis.panel("events", "Events", "", curves, note=note, rows=tuple(rows.values()), height=height)]
 
 
@@ -363,7 +363,7 @@ def figure_drawings(name: str, found: EvaluatedRun) -> tuple[str, str, tuple[Dra
     best = next(iter(found.solutions))
     whole = {
         "error_distribution": (f"Distribution of the horizontal error, {best}", "", error_distribution),
-        "height": ("Height, counted as the heights of the fixes", "band: ±3 sd; fixes at the antenna", _height),
+        "height": ("Height, with the datum of the fixes", "band: ±3 sd; fixes at the antenna", _height),
         "velocity": ("Velocity of the solution", "band: ±3 sd; fixes at the antenna", _velocity),
         "attitude": ("Attitude of the solution", "band: ±3 sd", _attitude),
         "uncertainty": ("Standard deviation of the solution", "smoothed (RTS): from all fixes", _uncertainty),
@@ -528,7 +528,7 @@ def drive_figure(recording: Recording) -> Any:
     ]
     if gps is not None:
         time, offset = gps.data.time, ned_offset(gps.data.lla, gps.data.lla[0])
-        rows.append(("Fixes, seen from the first", "distance [m]", time, offset, style.NED, "points"))
+        rows.append(("Fixes, relative to the first", "distance [m]", time, offset, style.NED, "points"))
         rows.append(("Velocity of the fixes", "velocity [m/s]", time, gps.data.v_n, style.NED, "points"))
     given = recording.given().values()
     gaps = [(each.begin, each.begin + each["gap_s"]) for one in given for each in of_code(one.events, Code.ROWS_GAP)]

@@ -76,7 +76,7 @@ def short_panels(windows: Sequence[ShortWindow]) -> Iterator[Panel]:
         curves = [Curve("each window", elapsed, each, GREY, "thin") for each in size]
         curves += [Curve("RMS", elapsed, mean(name), BLUE), Curve("largest", elapsed, size.max(axis=0), ORANGE)]
         if name == "position":
-            curves.append(Curve("RMS by the dropped terms", elapsed, mean("dropped"), BLACK, "dashed"))
+            curves.append(Curve("RMS caused by the dropped terms", elapsed, mean("dropped"), BLACK, "dashed"))
             curves.append(Curve("RMS by Euler's rule", elapsed, mean("rest"), VERMILLION, "dashed"))
         across = "time since the start of the window [s]"
         yield Panel(f"short_{name}", f"{title}, short minus full", label, across, tuple(curves), "short")

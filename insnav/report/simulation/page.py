@@ -46,8 +46,8 @@ _AT_REST = 0.01  # largest speed of a motion whose sketch shows rates instead [m
 _DRAWN = 20_000  # largest number of instants of the motion in reports
 _DRAWN_RATE = 97.0  # no multiple of usual motion rates, to avoid missing their peaks [Hz]
 _GRAVITY = {
-    "plumb": "without its north component: for comparison with packages that leave it out",
-    "linear": "without its north component, and linear in height: for comparison with packages that have it so",
+    "plumb": "without its north component: for comparison with packages that omit it",
+    "linear": "without its north component, and linear in height: for comparison with packages that use this model",
 }
 _SAMPLES = {"mean": "means over their interval", "instant": "values at an instant", "increment": "increments"}
 _FACTORS = np.array([1.0] * 6 + [1.0 / DEG] * 3)
@@ -390,7 +390,7 @@ def _verdict(plan: Plan, horizontal: FloatArray, nees: Mapping[str, float], fail
     if failed:
         return Verdict("bad", f"{len(failed)} runs failed: {sentence(failed[0])}", text)
     if not nees:
-        return Verdict("unknown", "there was no fix to hold the stated sd against", text)
+        return Verdict("unknown", "no fix was available to check the stated sd", text)
     name, worst = max(nees.items(), key=lambda each: each[1])
     # for errors as long as the run, a mean over time scatters like one fix
     chance = float(band(np.array([3 * len(horizontal)]))[1][0])
