@@ -69,13 +69,13 @@ def files_line(folder: Path, out: Path) -> str:
 
     `folder`: with its ``run.json``. `out`: name as specified.
     """
-    from insnav.messages import phrase
+    from insnav.messages import form, phrase
     from insnav.output.folder import read_facts
 
     found = {name.split("/")[0] for name in read_facts(folder).get("files", {})} | {"run.json"}
     first = [name for name in ("report.html", "figures", "run.json") if name in found]
     others = len(found) - len(first)
-    return phrase("terminal.files", folder=out, names=", ".join(first), others=others)
+    return phrase("terminal.files", folder=out, names=form("list").join(first), others=others)
 
 
 def result_page(folder: Path, page: Page, out: Path, *, as_json: bool, more: Iterable[str] = ()) -> None:

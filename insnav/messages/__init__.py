@@ -53,7 +53,8 @@ _NUMBER = re.compile(r"\d+(?:\.\d+)?")  # it stands as # in the catalogue of pag
 _PROSE = re.compile(r"[a-z] [a-z]{2}|[a-z]{3}:")  # names of files, profiles and IMUs are single words
 _OPTIONAL = re.compile(r"\[\[(.*?)\]\]")
 _FORMATTER = Formatter()
-_SPOKEN = ContextVar("_SPOKEN", default="")  # language inside `speaking`, whatever the process language
+# language inside `speaking`, whatever the process language; names that stay
+_SPOKEN: ContextVar[tuple[str, frozenset[str]]] = ContextVar("_SPOKEN", default=("", frozenset()))
 
 At = Callable[[float, float], str]
 """How times of the record, from one to another [s], are written."""
@@ -82,9 +83,9 @@ class Message:
 
 
 @contextmanager
-def speaking(lang: str) -> Iterator[None]:
-    """Use this language for every message inside."""
-    token = _SPOKEN.set(lang)
+def speaking(lang: str, names: frozenset[str] = frozenset()) -> Iterator[None]:
+    """Use this language for every message inside, and translate none of these names, which the user chose."""
+    token = _SPOKEN.set((lang, names))
     try:
         yield
     finally:
@@ -93,7 +94,7 @@ def speaking(lang: str) -> Iterator[None]:
 
 def language() -> str:
     """Return the language of messages: from `speaking`, else from ``INSNAV_LANG``."""
-    wanted = _SPOKEN.get() or os.environ.get("INSNAV_LANG", "")[:2].lower()
+    wanted = _SPOKEN.get()[0] or os.environ.get("INSNAV_LANG", "")[:2].lower()
     return wanted if wanted in LANGUAGES else "en"
 
 
@@ -169,14 +170,14 @@ def translated(text: str) -> str:
     An entry is a whole text with ``#`` for each number, or a form with ``{}`` for each part, which is translated, too.
     A text without an entry is translated part by part, between semicolons, colons or commas, if all parts have entries.
     """
-    return _translated(plain_text.plain_text(text), language())
+    return _translated(plain_text.plain_text(text), language(), _SPOKEN.get()[1])
 
 
 @lru_cache(maxsize=4096)
-def _translated(text: str, lang: str) -> str:
+def _translated(text: str, lang: str, kept: frozenset[str]) -> str:
     words = catalogue(f"page.{lang}")["words"]
-    if not words or text in words:
-        return str(words.get(text, text))
+    if not words or text in words or text in kept:
+        return text if text in kept else str(words.get(text, text))
     name, bracket, unit = text.partition(" [") if text.endswith("]") else (text, "", "")
     lowered = name[:1].lower() + name[1:]
     key = next((key for key in (_NUMBER.sub("#", name), _NUMBER.sub("#", lowered)) if key in words), None)
@@ -185,18 +186,18 @@ def _translated(text: str, lang: str) -> str:
         return re.sub("#", lambda _: next(numbers, "#"), words[key]) + bracket + unit
     for pattern, wanted in _patterns(lang):
         match = pattern.fullmatch(name) or pattern.fullmatch(lowered)
-        if match and (parts := _parts(match.groups(), lang)):
+        if match and (parts := _parts(match.groups(), lang, kept)):
             return f"{wanted.format(*parts)}{bracket}{unit}"
     for mark in (each for each in ("; ", ": ", ", ", " and ") if each in name and each in words):
-        if (parts := _parts(own := name.split(mark), lang)) and parts != own:
+        if (parts := _parts(own := name.split(mark), lang, kept)) and parts != own:
             return f"{words[mark].join(parts)}{bracket}{unit}"
     return text
 
 
-def _parts(own: Sequence[str], lang: str) -> list[str]:
+def _parts(own: Sequence[str], lang: str, kept: frozenset[str]) -> list[str]:
     """Translate the parts of a text; return nothing if a part of several words has no translation."""
-    parts = [_translated(each, lang) for each in own]
-    return [] if any(a == b and _PROSE.search(a) for a, b in zip(own, parts, strict=True)) else parts
+    parts = [_translated(each, lang, kept) for each in own]
+    return [] if any(a == b and a not in kept and _PROSE.search(a) for a, b in zip(own, parts, strict=True)) else parts
 
 
 @cache
@@ -251,10 +252,8 @@ def _shown(value: Any, spec: str, how: _Form) -> str:
             return first if value >= 0.0 else second
         case "abs":
             return _shown(abs(value), rest, how)
-    if isinstance(value, tuple):
-        parts = [_number(each, verb, rest) for each in value]
-        return form("list", how.lang).join(parts) + _unit(rest)
-    return _number(value, verb, rest) + _unit(rest)
+    parts = [_number(each, verb, rest) for each in (value if isinstance(value, tuple) else (value,))]
+    return form("list", how.lang).join(parts) + (f" {shown_unit(rest)}" if rest else "")
 
 
 def _error(error: ErrorFacts, spec: str, lang: str) -> str:
@@ -262,13 +261,14 @@ def _error(error: ErrorFacts, spec: str, lang: str) -> str:
     parts = {"reason": ("what", "why"), "fix": ("fix",)}.get(spec, ("what", "why", "fix"))
     texts = [render_error(error.code, part, dict(error.values), lang) for part in parts]
     text = form("joint", lang).join(" ".join(each.split()) for each in texts if each)
-    return f"{error.where}: " * bool(error.where and spec != "fix") + text
+    line = catalogue(f"phrases.{lang}")["terminal"]["line"]
+    return str(line.format(name=error.where, text=text)) if error.where and spec != "fix" else text
 
 
 def _word(value: Any, how: _Form) -> str:
     """Write a word of the table, or several, optionally followed by a file name: ``gyro x (rates.csv)``."""
-    if not isinstance(value, tuple) and value in how.words:
-        return str(how.words[value])
+    if not isinstance(value, tuple) and (value in how.words or value in _SPOKEN.get()[1]):
+        return str(value if value in _SPOKEN.get()[1] else how.words[value])
     parts = [str(each).partition(" (") for each in (value if isinstance(value, tuple) else str(value).split(", "))]
     return form("list", how.lang).join(f"{how.words.get(name, name)}{bracket}{rest}" for name, bracket, rest in parts)
 
@@ -281,7 +281,3 @@ def _number(value: Any, spec: str, unit: str) -> str:
     if "e+" in text:  # large numbers are written out
         text = f"{scaled:.0f}"
     return text.removeprefix("-") if not text.strip("-0.") else text  # no negative zero
-
-
-def _unit(unit: str) -> str:
-    return f" {shown_unit(unit)}" if unit else ""

@@ -17,7 +17,7 @@ from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup
 
 from insnav.findings import catalogue
-from insnav.messages import language, phrase, translated
+from insnav.messages import language, phrase, speaking, translated
 from insnav.report.page import Page, Section, Show, Table, cell, section_tables
 from insnav.report.panels import modes, panel_data
 from insnav.version import __version__
@@ -44,18 +44,20 @@ def page_html(page: Page, files: Mapping[str, Path]) -> str:
     `files`: pictures of its figures by name; a figure without picture is omitted.
     """
     scripts, drawings = _scripts() if page.panels else (), [panel_data(each) for each in page.panels]
-    return filled(
-        "page.html.j2",
-        page=page,
-        images={name: _inlined(file.suffix, file.read_bytes()) for name, file in files.items()},
-        words=_json_script(catalogue(f"page.{language()}")["words"] | dict(_translations(drawings))),
-        lang=language(),
-        tables=_tables_of("all", "page"),
-        version=__version__,
-        data=_json_script(drawings),
-        scripts=[Markup(text) for text in scripts],
-        policy=_policy(scripts),
-    )
+    with speaking(language(), page.names):
+        words = catalogue(f"page.{language()}")["words"] | dict(_translations(drawings))
+        return filled(
+            "page.html.j2",
+            page=page,
+            images={name: _inlined(file.suffix, file.read_bytes()) for name, file in files.items()},
+            words=_json_script({text: wanted for text, wanted in words.items() if text not in page.names}),
+            lang=language(),
+            tables=_tables_of("all", "page"),
+            version=__version__,
+            data=_json_script(drawings),
+            scripts=[Markup(text) for text in scripts],
+            policy=_policy(scripts),
+        )
 
 
 def page_fragment(page: Page) -> str:
@@ -69,7 +71,8 @@ def page_fragment(page: Page) -> str:
             figure.draw().savefig(picture, format="png", dpi=80)
         images[figure.name] = _inlined(".png", picture.getvalue())
     style = re.sub(":root|body", "&", (_TEMPLATES / "style.css").read_text(encoding="utf-8"))
-    content = filled("fragment.html.j2", page=page, images=images, tables=_tables_of("all"))
+    with speaking(language(), page.names):
+        content = filled("fragment.html.j2", page=page, images=images, tables=_tables_of("all"))
     return f'<div class="insnav"><style>.insnav {{{style}}}</style>{content}</div>'
 
 

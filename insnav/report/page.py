@@ -149,6 +149,7 @@ class Page:
     merits: tuple[Quantity, ...] = ()  # figures of merit, about six; also in the sections
     merits_note: str = ""  # subject of the merits
     merits_by: Mapping[str, tuple[Quantity, ...]] | None = None  # merits at each position of the switch
+    names: frozenset[str] = frozenset()  # names that the user chose: no language translates them
 
     @property
     def warnings(self) -> tuple[str, ...]:

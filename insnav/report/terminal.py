@@ -10,7 +10,7 @@ from itertools import chain
 from rich.cells import cell_len
 
 from insnav.findings import Severity
-from insnav.messages import phrase, render, translated
+from insnav.messages import language, phrase, render, speaking, translated
 from insnav.plain_text import plain_text, wrapped
 from insnav.report.page import Page, Show, Table, section_tables
 
@@ -31,11 +31,12 @@ def page_text(page: Page, width: int | None = None, shown: Sequence[Show] = ("al
     `width`: of the terminal; None: no wrapping. `shown`: other sections are omitted.
     Returns: lines without control characters.
     """
-    blocks = ["\n".join(_head(page, width))]
-    blocks += [table_text(table, width) for section in page.sections for table in section_tables(section, shown)]
-    warnings = ((phrase("page.warnings"), page.warnings),) if page.warnings else ()
-    for heading, lines in (*warnings, *page.lists):
-        blocks.append("\n".join([heading, *hanging([f"  - {line}" for line in lines], width)]))
+    with speaking(language(), page.names):
+        blocks = ["\n".join(_head(page, width))]
+        blocks += [table_text(table, width) for section in page.sections for table in section_tables(section, shown)]
+        warnings = ((phrase("page.warnings"), page.warnings),) if page.warnings else ()
+        for heading, lines in (*warnings, *page.lists):
+            blocks.append("\n".join([heading, *hanging([f"  - {line}" for line in lines], width)]))
     return "\n".join(plain_text(line) for line in "\n\n".join(blocks).splitlines())
 
 
@@ -45,18 +46,19 @@ def brief_text(page: Page, width: int | None, last: Sequence[str] = ()) -> str:
     Sentences that do not fit are omitted. Warnings above a third of the lines become titles, and the last table ends
     early. `width`: of the terminal.
     """
-    found = [each for each in page.findings if each.severity >= Severity.WARNING]
-    whole, titles = (
-        hanging([phrase("terminal.line", name=phrase("run.warning"), text=text) for text in texts], width)
-        for texts in (page.warnings, dict.fromkeys(render(each).title for each in found))
-    )
-    warned = whole if len(whole) <= LINES // 3 else titles
-    lines = [*_head(page, width, LINES - len(warned) - len(last)), *warned]
-    for table in (each for section in page.sections for each in section_tables(section)):
-        shown = _first_rows(table, width, LINES - len(lines) - len(last))
-        lines += shown
-        if not shown:
-            break
+    with speaking(language(), page.names):
+        found = [each for each in page.findings if each.severity >= Severity.WARNING]
+        whole, titles = (
+            hanging([phrase("terminal.line", name=phrase("run.warning"), text=text) for text in texts], width)
+            for texts in (page.warnings, dict.fromkeys(render(each).title for each in found))
+        )
+        warned = whole if len(whole) <= LINES // 3 else titles
+        lines = [*_head(page, width, LINES - len(warned) - len(last)), *warned]
+        for table in (each for section in page.sections for each in section_tables(section)):
+            shown = _first_rows(table, width, LINES - len(lines) - len(last))
+            lines += shown
+            if not shown:
+                break
     return "\n".join([*map(plain_text, lines), *last])
 
 

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import json
+import os
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -9,8 +12,12 @@ import pytest
 
 from insnav.earth import lla_offset
 from insnav.exceptions import InputError
+from insnav.findings import Code, Finding
+from insnav.messages import sentence, speaking, translated
 from insnav.output.solution_tables import write_run_table
 from insnav.report.comparison.page import comparison_panels
+from insnav.report.html import page_html
+from insnav.report.terminal import brief_text, page_text
 from insnav.session.comparison import compare
 
 
@@ -34,6 +41,28 @@ def test_each_run_gets_its_own_errors(driven, tmp_path):
     assert "2D [m]" in head
     assert "5.00" in bad
     assert "5.00" not in good
+
+
+@pytest.mark.skipif("INSNAV_REVERSED" in os.environ, reason="names would be reversed, too")
+def test_no_language_translates_the_names_of_runs(driven, tmp_path):
+    _, _, true = driven
+    far = replace(true, lla=lla_offset(true.lla, np.array([300.0, 400.0, 0.0])))
+    page = compare(folder(tmp_path, "demo", true), folder(tmp_path, "day", far), ref=true).page()
+    with speaking("zh"):
+        html = page_html(page, {})
+        texts = page_text(page), brief_text(page, None), re.sub("<script.*?</script>", "", html, flags=re.DOTALL)
+        assert [translated(name) for name in ("demo", "day")] == ["示例", "一昼夜"]
+        finding = Finding.of(Code.RUN_OVERCONFIDENT, subject="day", share=0.2)
+        with speaking("zh", page.names):
+            assert sentence(finding).startswith("day的位置")
+        assert sentence(finding).startswith("日的位置")
+    for text in texts:
+        assert {"demo", "day"} <= set(re.findall("[a-z]+", text))
+        assert "最小" in text
+        assert not re.search("示例|一昼夜", text)
+    words = json.loads(re.search('id="words"[^>]*>(.*?)</script>', html, re.DOTALL)[1])
+    assert "error" in words
+    assert not {"demo", "day"} & set(words)
 
 
 def test_only_shared_epochs_are_counted(driven, tmp_path):

@@ -75,15 +75,15 @@ def _timeline(result: Result[Checked]) -> tuple[Section, ...]:
 def _run_line(found: Checked, before: str) -> str:
     if found.runs:
         return f"{translated('run:')}  {found.command}"
-    known = f"; {translated('command so far')}: {found.command}" if found.command.count(" --") else ""
+    known = translated("; command so far: ") + found.command if found.command.count(" --") else ""
     return f"{translated('run:')}  {translated(f'nothing to copy before {before}')}{known}"
 
 
 def text(result: Result[Checked], width: int | None = None, *, brief: bool = False) -> str:
     """Write the report for the terminal, with problems and command last; `brief`: in few lines."""
     laid_out, at = result.page(), _from_start(result)
-    left = _to_mend(result.found)[:_TO_MEND]
-    mend = [f"{translated(f'mend {i}')}: {sentence(each, at=at)}" for i, each in enumerate(left, 1)]
+    left = enumerate(_to_mend(result.found)[:_TO_MEND], 1)
+    mend = [phrase("terminal.line", name=translated(f"mend {i}"), text=sentence(each, at=at)) for i, each in left]
     mend = mend or [translated("no problem found")]
     listed = {*result.found.problems, *(each for each in result.findings if each.timed)}
     shown = replace(laid_out, summary=(), findings=tuple(each for each in result.findings if each not in listed))

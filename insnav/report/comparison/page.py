@@ -48,17 +48,18 @@ def page(result: Result[Comparison]) -> Page:
     found, findings = result.found, (*_warnings(result.found), *result.findings)
     drawings = (drawn(each.key, each.title, (each,), each.note) for each in comparison_panels(found))
     runs = {each.run for each in found.compared}
-    count = len(found.compared[0].errors.time)
+    count, rows = len(found.compared[0].errors.time), tuple(map(_row, found.compared))
     return Page(
         f"{len(runs)} run{'s' * (len(runs) > 1)} against {result.inputs['reference'].path}",
         (f"{count} epochs of the reference that every run covers are compared.",),
-        (_section(found), room.beside(*drawings)),
+        (Section("runs", "Accuracy, RMS", rows=rows, note=_NOTE), room.beside(*drawings)),
         findings,
         verdict=_verdict(found, findings),
         merits=tuple(
             Quantity(f"rms_{place}", rms(errors.horizontal), "m", meaning=f"{name}, horizontal RMS")
             for place, (name, errors) in enumerate(list(found.named().items())[:_MERITS], start=1)
         ),
+        names=frozenset(runs),
     )
 
 
@@ -71,12 +72,10 @@ def _warnings(found: Comparison) -> tuple[Finding, ...]:
 def _verdict(found: Comparison, findings: Sequence[Finding]) -> Verdict:
     """Return the solution with the smallest horizontal error, and whether its stated sd is confirmed."""
     sizes = {name: rms(errors.horizontal) for name, errors in found.named().items()}
-    order = sorted(sizes, key=lambda name: sizes[name] if np.isfinite(sizes[name]) else np.inf)
-    best = order[0]
+    best, *others = sorted(sizes, key=lambda name: sizes[name] if np.isfinite(sizes[name]) else np.inf)
     text = f"{best} has the smallest horizontal error, {number(sizes[best])} m RMS"
-    if len(order) > 1:
-        others = ", ".join(f"{name} {number(sizes[name])}" for name in order[1:_MERITS])
-        text += f"; {others} m"
+    if others:
+        text += f"; {', '.join(f'{name} {number(sizes[name])}' for name in others[: _MERITS - 1])} m"
     consistency = nees(found.named()[best])
     position = None if consistency is None else consistency["position"]
     if position is None:
@@ -102,10 +101,6 @@ def frame(result: Result[Comparison]) -> DataFrame:
     Returns: ``run``, ``solution``, and RMS errors with their unit in the name.
     """
     return rows_frame(_row(each) for each in result.found.compared)
-
-
-def _section(found: Comparison) -> Section:
-    return Section("runs", "Accuracy, RMS", rows=tuple(_row(each) for each in found.compared), note=_NOTE)
 
 
 def _row(of: Compared) -> tuple[Quantity, ...]:

@@ -113,7 +113,7 @@ def _row(drive: Navigated) -> Row:
     findings = map(Finding.from_dict, facts.get("findings", ()))
     first = next((each for each in findings if each.severity is Severity.WARNING), None)
     if light == "attention" and first is not None:
-        reason += f" ({render(first).title})"
+        reason += form("brackets").format(render(first).title)
     return Row(
         drive,
         light if drive.failed is None else "bad",
@@ -179,7 +179,7 @@ def _mean(values: list[Quantity]) -> Quantity:
 def page(result: Result[tuple[Navigated, ...]]) -> Page:
     """Lay out a fleet."""
     rows = rows_of(result.found)
-    total = len(rows)
+    total, kept = len(rows), sum(row.drive.kept for row in rows)
     count = {light: sum(row.light == light for row in rows) for light in _ORDER}
     out = max((row for row in rows if row.stands_out), key=lambda row: row.score, default=None)
     shown = form("list").join(phrase("terminal.line", name=phrase(f"light.{x}"), text=n) for x, n in count.items() if n)
@@ -192,7 +192,6 @@ def page(result: Result[tuple[Navigated, ...]]) -> Page:
     if light == "attention":
         some = f"results of {count['attention']} of {total} drives need attention"
         reason = some if count["attention"] or out is None else f"{out.drive.name} stands out"
-    kept = sum(row.drive.kept for row in rows)
     failed = [(row.drive.name, row.drive.failed) for row in rows if row.drive.failed is not None]
     failures = tuple(of_table("fleet.failure", each, drive=name) for name, each in failed)
     note = (
@@ -216,6 +215,7 @@ def page(result: Result[tuple[Navigated, ...]]) -> Page:
             Quantity("drives", total),
             *(Quantity(name, n, meaning=phrase(f"light.{name}")) for name, n in count.items() if n),
         ),
+        names=frozenset(name for row in rows for name in (row.drive.name, row.drive.vehicle)),
     )
 
 

@@ -238,8 +238,8 @@ def case_section(found: Regression) -> Section:
 def change_text(change: Change) -> str:
     """Write one change in a line, with size and significance."""
     if change.metric.kind == "cpu":
-        return f"{panels.change_head(change)} ({translated(f'{change.shift.change + 1.0:.1f} times')})"
-    return f"{panels.change_head(change)} ({100.0 * change.shift.change:+.1f} %, p {change.adjusted:.1g})"
+        return panels.change_head(change, translated(f"{change.shift.change + 1.0:.1f} times"))
+    return panels.change_head(change, f"{100.0 * change.shift.change:+.1f} %, p {change.adjusted:.1g}")
 
 
 def change_rows(changes: Sequence[Change]) -> tuple[tuple[Quantity, ...], ...]:

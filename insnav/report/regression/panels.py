@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from scipy.special import stdtrit
 
-from insnav.messages import translated
+from insnav.messages import form, phrase, translated
 from insnav.regression.baseline import Baseline
 from insnav.regression.evaluate import FAILS_FROM, GROWTH, METRICS, Accuracy, CaseResult, Metric
 from insnav.regression.regress import Entry
@@ -37,10 +37,11 @@ TONES = (
 )
 
 
-def change_head(change: Change) -> str:
-    """Write case, metric, old and new value of one change."""
-    unit = f" {change.metric.unit}" if change.metric.unit else ""
-    return f"{change.case}: {translated(change.metric.label)}: {number(change.old)} -> {number(change.new)}{unit}"
+def change_head(change: Change, size: str = "") -> str:
+    """Write case, metric, old and new value of one change, and its size."""
+    text = f"{number(change.old)} -> {number(change.new)} {change.metric.unit}".rstrip()
+    text = phrase("terminal.line", name=translated(change.metric.label), text=text)
+    return phrase("terminal.line", name=change.case, text=text) + (form("brackets").format(size) if size else "")
 
 
 def figures_tested(comparison: Comparison) -> int:
@@ -78,12 +79,12 @@ def change_matrix(result: Accuracy, comparison: Comparison, baseline: Baseline, 
 def _cell(change: Change, tests: int, key: str, behind: tuple[Table, ...]) -> Cell:
     size = change.shift.change
     text = "·" if abs(size) < 0.005 else f"{100.0 * size:+.0f}"
-    title = change_head(change)
+    size_text = ""
     if change.metric.kind != "cpu":
         least = detectable(change.shift, tests)
         words = f"from {100.0 * least:.2g} % on a change is found" if np.isfinite(least) else "too few drives to test"
-        title += f" ({100.0 * size:+.1f} %, p {change.adjusted:.1g}; {translated(words)})"
-    return Cell(text, _tone(change, tests), title, key, behind)
+        size_text = f"{100.0 * size:+.1f} %, p {change.adjusted:.1g}{form('parts')}{translated(words)}"
+    return Cell(text, _tone(change, tests), change_head(change, size_text), key, behind)
 
 
 def _tone(change: Change, tests: int) -> str:

@@ -235,7 +235,7 @@ def _with_options(said: Message) -> str:
     """Write an observation, the action of insnav, and the options that change it."""
     options, stop = form("list").join(re.findall("--[a-z-]+", said.advice)), form("stop")
     text = form("joint").join(filter(None, (said.text, said.done)))
-    return f"{text.removesuffix(stop)} ({options}){stop}" if options else text
+    return f"{text.removesuffix(stop)}{form('brackets').format(options)}{stop}" if options else text
 
 
 def _estimates(found: EvaluatedRun) -> Iterator[str]:

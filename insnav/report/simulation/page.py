@@ -102,6 +102,7 @@ def recording_page(plan: Plan, made: Recording) -> Page:
             f"{plan.truth.duration:.0f} s of {plan.motion.name}: {model_name(plan.imu)} IMU at {plan.rate:g} Hz, "
             f"{len(made.gps.time)} fixes of {model_name(plan.gps)} GPS.",
         ),
+        names=frozenset({plan.motion.name}),
     )
 
 
@@ -291,7 +292,7 @@ def motion_panels(time: FloatArray, motion: Kinematics) -> tuple[Panel, ...]:
     rows = (
         ("Speed", "speed [m/s]", [("speed", np.linalg.norm(motion.v_n, axis=1), BLUE)], 0.1),
         ("Height", "height [m]", [("height", motion.lla[:, 2], BLUE)], 0.1),
-        ("Tilt", "tilt [deg]", [*zip(("roll", "pitch"), tilt, (BLUE, VERMILLION), strict=True)], 0.1),
+        ("Roll and pitch", "angle [deg]", [*zip(("roll", "pitch"), tilt, (BLUE, VERMILLION), strict=True)], 0.1),
         ("Heading", "heading [deg]", [("heading", wrapped(np.degrees(motion.rph[:, 2])), GREEN)], 0.1),
         ("Angular rate", "rate [deg/s]", [*zip("xyz", rate, AXIS_COLOURS, strict=True)], 1e-3),
         ("Specific force", "force [m/s²]", [*zip("xyz", motion.f_b.T, AXIS_COLOURS, strict=True)], 1e-2),
@@ -378,6 +379,7 @@ def ensemble_page(plan: Plan, found: Ensemble, runs: Runs) -> Page:
             *(Quantity(f"nees_{name}", value, meaning=f"NEES per axis, {name}") for name, value in nees.items()),
             Quantity("rejected", f"{rejected} of {positions}", meaning="fixes rejected"),
         ),
+        names=frozenset({plan.motion.name}),
     )
 
 
