@@ -75,11 +75,6 @@ class Search:
     before: Search | None = None  # earlier search of fewer epochs, if no run has confirmed the new fault yet
     limit: int = 0  # epochs that are known to be too many, or zero
 
-    @property
-    def epochs(self) -> int:
-        """Number of epochs."""
-        return self.best.weights.shape[0]
-
 
 class _Searcher:
     """Count of passes and record of all fits."""
@@ -288,41 +283,36 @@ def search_part(
 
     A fault that another run of the filter does not confirm lay beyond what is linear: half as many new epochs follow.
     """
-    count, spent = record.time.size, known.passes if known else 0
-
-    def look(epochs: int, known: Search | None, end: str = "") -> Search:
-        nonlocal spent
-        found = search(record.until(epochs), kinds, known, like, end=end)
-        spent += found.passes - (known.passes if known else 0)
-        return replace(found, passes=spent)
-
+    count, low = record.time.size, len(known.best.weights) if known else FEWEST
     if known is None or (known.best.steps and not known.limit):
-        found = look(count, known, "lost")
+        found = search(record, kinds, known, like, end="lost")
         if found.complete or not found.best.is_lost:
             return record, found
-    if known is None or known.epochs == count:  # the faults made it worse
-        known = look(FEWEST, None, "once")
+        known = known and replace(known, passes=found.passes)
+    if known is None or low == count:  # the faults made it worse
+        low, known = FEWEST, search(record.until(FEWEST), kinds, None, like, end="once")
         if forms_of(known.best.steps):
-            return record.until(FEWEST), replace(known, complete=False)
+            return record.until(low), replace(known, complete=False)
     elif not known.limit:
-        again = look(known.epochs, replace(known, complete=False))
-        names, others = ({name for name, _ in forms_of(each.best.steps)} for each in (known, again))
-        if known.before and not names <= others:
-            known = replace(known.before, limit=known.epochs, passes=spent, complete=False)
-            return record.until(known.epochs), known
+        again = search(record.until(low), kinds, replace(known, complete=False))
+        if known.before and not dict(forms_of(known.best.steps)).keys() <= dict(forms_of(again.best.steps)).keys():
+            before = replace(known.before, limit=low, passes=again.passes, complete=False)
+            return record.until(len(before.best.weights)), before
         if not same(again.best.steps, known.best.steps):
-            return record.until(known.epochs), replace(again, complete=False, before=known.before)
+            return record.until(low), replace(again, complete=False, before=known.before)
         known = again
-    low, high, ahead = known.epochs, known.limit or count, 1
+    high, ahead = known.limit or count, 1
     while high - low > 1:
-        part = look(min(low + ahead, (low + high) // 2), known, "once")
+        epochs = min(low + ahead, (low + high) // 2)
+        part = search(record.until(epochs), kinds, known, like, end="once")
+        known = replace(known, passes=part.passes)
         if part.best.is_lost:
-            high = part.epochs
+            high = epochs
         elif forms_of(part.best.steps) == forms_of(known.best.steps):
-            low, ahead = part.epochs, 2 * ahead
+            low, ahead = epochs, 2 * ahead
         else:
-            return record.until(part.epochs), replace(part, complete=False, before=known)
-    return record.until(high), replace(look(high, known), complete=high == count)
+            return record.until(epochs), replace(part, complete=False, before=known)
+    return record.until(high), replace(search(record.until(high), kinds, known, like), complete=high == count)
 
 
 def forms_of(steps: Sequence[Step]) -> list[tuple[str, bool]]:
