@@ -186,7 +186,9 @@ def contradicted(run: Run, ready: FilterInput) -> bool:
         return True
     gates, gps, rows = ready.gates, ready.gps, rows_of(run, ready)
     off, square = (each[:, rows] for each in residuals(run, ready))
-    square = square / _scales(run)[:, None]
+    # inflation factors of squared innovations of position and velocity, at least one
+    both = [nis[np.isfinite(nis)] for nis in (run.innovations.nis_position, run.innovations.nis_velocity)]
+    square = square / np.array([[max(1.0, float(np.median(nis)) / MEDIAN) if nis.size else 1.0] for nis in both])
     believed = np.array([run.innovations.used_position, run.innovations.used_velocity])
     far = np.linalg.norm(off, axis=2) > 2.0 * np.array([[gates.small_position], [gates.small_velocity]])
     if (believed & far & (square > GROSS)).any():
@@ -207,12 +209,6 @@ def without_rejected(ready: FilterInput, run: Run) -> GpsData:
     fix = np.ones(gps.time.shape[0], dtype=np.int64) if gps.fix is None else gps.fix.copy()
     fix[rows[~found.used_position]] = 0
     return replace(gps, fix=fix)
-
-
-def _scales(run: Run) -> FloatArray:
-    """Compute the inflation factors of squared innovations of position and velocity, (2,), at least one."""
-    both = [nis[np.isfinite(nis)] for nis in (run.innovations.nis_position, run.innovations.nis_velocity)]
-    return np.array([max(1.0, float(np.median(nis)) / MEDIAN) if nis.size else 1.0 for nis in both])
 
 
 def stretches(time: FloatArray, chosen: BoolArray) -> list[tuple[float, float]]:

@@ -61,7 +61,3 @@ class Receiver:
     def forget_lever_arm(self) -> Receiver:
         """Copy with an unknown lever arm."""
         return replace(self, lever_arm=LeverArm(sd=LEVER_SD, source="prior"))
-
-    def forget_delay(self) -> Receiver:
-        """Copy with an unknown delay."""
-        return replace(self, delay=Delay(sd=DELAY_SD, source="prior"))

@@ -12,6 +12,7 @@ import numpy as np
 from insnav.exceptions import AlignmentError, ConfigError
 from insnav.filter.delay_and_lever import PRETENDED, filtered, lever_off, on_time, pretended, with_right_heading
 from insnav.filter.filter_input import FilterInput
+from insnav.filter.receiver import DELAY_SD, Delay
 from insnav.findings import Code, Finding
 from insnav.input.readers.kinds import files_with
 from insnav.steps import Model, Recording
@@ -51,7 +52,7 @@ def with_right_delay(
     ready: FilterInput, recording: Recording, model: Model, heading: float | None
 ) -> tuple[FilterInput, Model]:
     """Keep the given delay, or replace it by the estimate of the drive if that contradicts it and fits better."""
-    free = replace(model, receiver=model.receiver.forget_delay())
+    free = replace(model, receiver=replace(model.receiver, delay=Delay(sd=DELAY_SD, source="prior")))
     other, given = _on_time(recording, free, heading), model.receiver.delay.value
     sd = other.receiver.delay.least_sd or np.inf
     if abs(other.clock - given) <= max(LATE, LATE_SURE * sd) or filtered(ready).misfit <= filtered(other).misfit:

@@ -10,11 +10,8 @@ from insnav.filter.filter_input import FilterInput
 from insnav.filter.noise_identification import identify_noise, with_known_noise, with_noise, with_usual_noise
 from insnav.findings import Code, Finding, added
 from insnav.imu.specification import ImuSpec
-from insnav.input import Reading
 from insnav.steps import Model, Recording
 from insnav.steps.given import as_given, better_kinds
-from insnav.steps.inputs import Inputs, NoiseChoice
-from insnav.types import GpsData
 
 
 def noise(recording: Recording, model: Model) -> tuple[Recording, Model, tuple[Finding, ...]]:
@@ -30,7 +27,8 @@ def noise(recording: Recording, model: Model) -> tuple[Recording, Model, tuple[F
 
 
 def _with_estimated_noise(recording: Recording, ready: FilterInput, spec: ImuSpec) -> FilterInput:
-    wanted = noise_wanted(recording.inputs, recording.gps)
+    alone = "estimate" if recording.inputs.get("imu_model") is None else "fixes"  # fixes: their time-correlated errors
+    wanted = "model" if recording.gps is None else recording.inputs.get("noise") or alone
     if wanted != "estimate":
         claimed = recording.gps is None or bool(np.isfinite(recording.gps.data.position_sd).all())
         known = with_known_noise(ready, spec, lasting=wanted == "fixes", sizes=not claimed)
@@ -52,10 +50,3 @@ def believe(ready: FilterInput) -> FilterInput:
     fix = np.where(position, 0, 1 if gps.fix is None else gps.fix)
     gps = replace(gps, fix=fix, v_n=np.where(velocity[:, None], np.nan, gps.v_n))
     return replace(ready, gps=gps, explained=replace(explained, false=None))
-
-
-def noise_wanted(inputs: Inputs, gps: Reading[GpsData] | None) -> NoiseChoice:
-    """Return the noise to estimate: as specified, else all; with an IMU model, the time-correlated errors of fixes."""
-    if gps is None:
-        return "model"
-    return inputs.get("noise") or ("estimate" if inputs.get("imu_model") is None else "fixes")

@@ -70,6 +70,7 @@ def one_clock(recording: Recording, model: Model) -> tuple[Recording, Model, tup
         if not apart:  # a wrong turn axis seems to fit at another time
             refuse_unlike_gyros(imu, fixes)
         offset, parts_of_it = named_offset(offset + found.offset, found.sd)
+        turns, forces = (r if r > SHOWN else np.nan for r in (abs(found.turns), found.accelerations))
         sure = min(abs(found.turns), found.accelerations) > BOTH
         raise InputError(
             "clock.no_common_time" if apart else "clock.differ",
@@ -78,7 +79,7 @@ def one_clock(recording: Recording, model: Model) -> tuple[Recording, Model, tup
             imu_s=tuple(imu.data.time[[0, -1]]),
             gps_s=tuple(gps.data.time[[0, -1]]),
             offset_s=offset,
-            **shown_values(found),
+            **{"found_s": found.offset, "sd_s": found.sd, "overlap_s": found.overlap, "turns": turns, "forces": forces},
             **parts_of_it,
             other_drive="" if sure else "--imu-time-offset",
         )
@@ -107,12 +108,6 @@ def _check_radians(path: str, parts: Intervals, fixes: GpsData) -> None:
             as_read, as_radians = likeness(parts, fixes, replace(fixes, lla=lla))
             if as_radians > SURE and 1.0 - as_radians**2 < EXPLAINS * (1.0 - as_read**2):
                 raise InputError("clock.radians", where=path, quantity=name, correlation=as_radians, as_read=as_read)
-
-
-def shown_values(clock: ClockOffset) -> dict[str, Any]:
-    """Return an offset, and its correlations, as values of an error."""
-    turns, forces = (r if r > SHOWN else np.nan for r in (abs(clock.turns), clock.accelerations))
-    return {"found_s": clock.offset, "sd_s": clock.sd, "overlap_s": clock.overlap, "turns": turns, "forces": forces}
 
 
 def _moved(recording: Recording, offset: float) -> Recording:

@@ -52,7 +52,7 @@ def page(result: Result[Comparison]) -> Page:
     return Page(
         f"{len(runs)} run{'s' * (len(runs) > 1)} against {result.inputs['reference'].path}",
         (f"{count} epochs of the reference that every run covers are compared.",),
-        (_section(found), room.beside(*drawings)),
+        (Section("runs", "Accuracy, RMS", rows=tuple(map(_row, found.compared)), note=_NOTE), room.beside(*drawings)),
         findings,
         verdict=_verdict(found, findings),
         merits=tuple(
@@ -102,10 +102,6 @@ def frame(result: Result[Comparison]) -> DataFrame:
     Returns: ``run``, ``solution``, and RMS errors with their unit in the name.
     """
     return rows_frame(_row(each) for each in result.found.compared)
-
-
-def _section(found: Comparison) -> Section:
-    return Section("runs", "Accuracy, RMS", rows=tuple(_row(each) for each in found.compared), note=_NOTE)
 
 
 def _row(of: Compared) -> tuple[Quantity, ...]:
