@@ -247,7 +247,7 @@ def search(
     curve[:IMU] = 4.0 * 3.0 * record.time.size  # each of three values of a fix contributes 4
     like, steps = known.best if known else like, known.best.steps if known else ()
     noise, curve = (like.noise, like.curve) if like else (Noise(), np.diag(curve))
-    if known and end == "once" and forms_of(steps):  # noise of the IMU stays: with that of more epochs, it hides faults
+    if known and end == "once" and forms_of(steps):  # larger noise of the IMU in further epochs would hide faults
         curve = curve + np.diag(1e12 * (np.arange(len(curve)) == IMU))
     start = Fit(steps, weights, noise, np.inf, searcher.look(steps, weights, noise), curve)
     fit = searcher.converge(searcher.settle(start, steps, GRADUATED))
@@ -281,7 +281,7 @@ def search_part(
 ) -> tuple[LinearRecord, Search]:
     """Search a record, or some first epochs of it that show another fault of the IMU if the record is lost.
 
-    A fault that another run of the filter does not confirm lay beyond what is linear: half as many new epochs follow.
+    If another run of the filter does not confirm a fault, the epochs were not linear. Half as many new ones follow.
     """
     count, low = record.time.size, len(known.best.weights) if known else FEWEST
     if known is None or (known.best.steps and not known.limit):
