@@ -227,7 +227,7 @@ def faults_in(record: LinearRecord, search: Search) -> list[Fault]:
     """Convert the accepted steps of a search to faults in time. A return ends earlier displacements of the fixes."""
     faults: list[Fault] = []
     for step, gain in zip(search.best.steps, search.gains, strict=True):
-        begin = float(record.time[step.begin])
+        begin, end = record.span_of(step)
         if step.kind is RETURN:
             for row, each in enumerate(faults):
                 if each.family in MOVING and np.isinf(each.back):
@@ -240,7 +240,6 @@ def faults_in(record: LinearRecord, search: Search) -> list[Fault]:
             size = np.full(1, np.sqrt(step.variance / record.interval))
         known = np.diagonal(information[0])
         sd = np.sqrt(np.maximum(step.variance - step.variance**2 * known, 0.0))
-        end = float(record.time[step.end]) if step.end else np.inf
         back = end if step.kind.name in CLEARED else np.inf
         faults.append(Fault(step.kind, begin, end, size, sd, gain, back))
     return faults
@@ -248,15 +247,12 @@ def faults_in(record: LinearRecord, search: Search) -> list[Fault]:
 
 def considered_of(record: LinearRecord, search: Search) -> list[Tried]:
     """Return the table rows of the faults that the search has rejected."""
-    rows = []
-    for each in search.considered:
-        if not each.accepted:
-            step = each.steps[0]
-            end = float(record.time[step.end]) if step.end else np.inf
-            prior = prior_of(each.steps, record.interval)
-            begin, kind = float(record.time[step.begin]), step.kind
-            rows.append(Tried(kind.name, begin, end, each.gain, prior, kind.unit, accepted=False))
-    return rows
+    tested = ((each, each.steps[0], prior_of(each.steps, record.interval)) for each in search.considered)
+    return [
+        Tried(step.kind.name, *record.span_of(step), each.gain, prior, step.kind.unit, accepted=False)
+        for each, step, prior in tested
+        if not each.accepted
+    ]
 
 
 def accepted_as(ready: FilterInput, fault: Fault, step: Step, interval: float) -> Tried:

@@ -316,6 +316,10 @@ class LinearRecord:
         variance = self.variance[:count]
         return replace(self, time=self.time[:count], system=system, measured=measured, variance=variance)
 
+    def span_of(self, step: Step) -> tuple[float, float]:
+        """Return the times of begin and end of a fault, infinity for one that stays [s]."""
+        return float(self.time[step.begin]), float(self.time[step.end]) if step.end else np.inf
+
     @property
     def lasting(self) -> FloatArray:
         """Effect of the time-correlated error on the states at the start, (3, n): a first position has it, too."""

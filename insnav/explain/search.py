@@ -76,11 +76,6 @@ class Search:
     before: Search | None = None  # earlier search of fewer epochs, if no run has confirmed the new fault yet
     limit: int = 0  # epochs that are known to be too many, or zero
 
-    @property
-    def epochs(self) -> int:
-        """Number of epochs."""
-        return int(self.best.weights.shape[0])
-
 
 class _Searcher:
     """Count of passes and record of all fits."""
@@ -253,7 +248,7 @@ def search(
     curve[:IMU] = 4.0 * 3.0 * record.time.size  # each of three values of a fix contributes 4
     like, steps = known.best if known else like, known.best.steps if known else ()
     noise, curve = (like.noise, like.curve) if like else (Noise(), np.diag(curve))
-    if known and end == "once" and forms_of(steps):  # noise of the IMU stays: with that of more epochs, it hides faults
+    if known and end == "once" and forms_of(steps):  # larger noise of the IMU in further epochs would hide faults
         curve = curve + np.diag(1e12 * (np.arange(len(curve)) == IMU))
     start = Fit(steps, weights, noise, np.inf, searcher.look(steps, weights, noise), curve)
     fit = searcher.settle(start, steps, GRADUATED + CONVERGED)
@@ -287,43 +282,38 @@ def search_part(
 ) -> tuple[LinearRecord, Search]:
     """Search a record, or some first epochs of it that show another fault of the IMU if the record is lost.
 
-    A fault that another run of the filter does not confirm lay beyond what is linear: half as many new epochs follow.
+    If another run of the filter does not confirm a fault, the epochs were not linear. Half as many new ones follow.
     """
-    count, spent = record.time.size, known.passes if known else 0
-
-    def look(epochs: int, known: Search | None, end: str = "") -> Search:
-        nonlocal spent
-        found = search(record.until(epochs), kinds, known, like, end=end)
-        spent += found.passes - (known.passes if known else 0)
-        return replace(found, passes=spent)
-
+    count, low = record.time.size, len(known.best.weights) if known else FEWEST
     if known is None or (known.best.steps and not known.limit):
-        found = look(count, known, "lost")
+        found = search(record, kinds, known, like, end="lost")
         if found.complete or not found.best.is_lost:
             return record, found
-    if known is None or known.epochs == count:  # the faults made it worse
-        known = look(FEWEST, None, "once")
+        known = known and replace(known, passes=found.passes)
+    if known is None or low == count:  # the faults made it worse
+        low, known = FEWEST, search(record.until(FEWEST), kinds, None, like, end="once")
         if forms_of(known.best.steps):
-            return record.until(FEWEST), replace(known, complete=False)
+            return record.until(low), replace(known, complete=False)
     elif not known.limit:
-        again = look(known.epochs, replace(known, complete=False))
-        names, others = ({name for name, _ in forms_of(each.best.steps)} for each in (known, again))
-        if known.before and not names <= others:
-            known = replace(known.before, limit=known.epochs, passes=spent, complete=False)
-            return record.until(known.epochs), known
+        again = search(record.until(low), kinds, replace(known, complete=False))
+        if known.before and not dict(forms_of(known.best.steps)).keys() <= dict(forms_of(again.best.steps)).keys():
+            before = replace(known.before, limit=low, passes=again.passes, complete=False)
+            return record.until(len(before.best.weights)), before
         if not same(again.best.steps, known.best.steps):
-            return record.until(known.epochs), replace(again, complete=False, before=known.before)
+            return record.until(low), replace(again, complete=False, before=known.before)
         known = again
-    low, high, ahead = known.epochs, known.limit or count, 1
+    high, ahead = known.limit or count, 1
     while high - low > 1:
-        part = look(min(low + ahead, (low + high) // 2), known, "once")
+        epochs = min(low + ahead, (low + high) // 2)
+        part = search(record.until(epochs), kinds, known, like, end="once")
+        known = replace(known, passes=part.passes)
         if part.best.is_lost:
-            high = part.epochs
+            high = epochs
         elif forms_of(part.best.steps) == forms_of(known.best.steps):
-            low, ahead = part.epochs, 2 * ahead
+            low, ahead = epochs, 2 * ahead
         else:
-            return record.until(part.epochs), replace(part, complete=False, before=known)
-    return record.until(high), replace(look(high, known), complete=high == count)
+            return record.until(epochs), replace(part, complete=False, before=known)
+    return record.until(high), replace(search(record.until(high), kinds, known, like), complete=high == count)
 
 
 def forms_of(steps: Sequence[Step]) -> list[tuple[str, bool]]:

@@ -26,7 +26,7 @@ from insnav.filter.receiver import Receiver
 from insnav.filter.run_recorder import on_grid
 from insnav.findings import Code, Finding
 from insnav.imu.specification import ImuSpec
-from insnav.types import FloatArray, GpsData, ImuData, Run, Trajectory
+from insnav.types import GpsData, ImuData, Run, Trajectory
 
 AidingChoice = Literal["auto", "on", "off"]
 GAP_WORTH = 3.0  # shortest GPS gap for a second pass with other aiding: shorter gaps drift by centimetres [s]
@@ -108,7 +108,10 @@ def navigate_prepared(
         run = widen_by_jumps(run, jumps)
     if run.smoothed is not None and widen is not None:
         run = widen(run)
-    outside = _outside(ready.fix_time, ready.initial.time, float(ready.imu.time[-1]))
+    fixes, start, end = ready.fix_time, ready.initial.time, float(ready.imu.time[-1])
+    sides = ("before", fixes < start - 1e-6, start), ("after", fixes > end + 1e-6, end)  # of the solution
+    late = [(side, rows.sum(), time) for side, rows, time in sides if rows.any()]
+    outside = [Finding.of(Code.GPS_OUTSIDE, time, count=count, side=side) for side, count, time in late]
     run = replace(run, events=(*run.events, *outside))
     if not heights_measured(ready.gps.lla) and not held:
         run = with_wider_sd(run, lambda _, sd: np.hypot(sd, UNKNOWN_HEIGHT * np.eye(9)[2]))
@@ -235,9 +238,3 @@ def _likelier(ready: FilterInput, progress: Callable[[float], None] | None) -> R
             other = _run(replace(ready, gates=ready.gates.believing()), None)
             run = min(run, other, key=lambda each: unlikely(each, ready))
     return run
-
-
-def _outside(fixes: FloatArray, start: float, end: float) -> list[Finding]:
-    """Report the fixes before the start of navigation, and the fixes after the last sample, once each."""
-    sides = ("before", fixes < start - 1e-6, start), ("after", fixes > end + 1e-6, end)
-    return [Finding.of(Code.GPS_OUTSIDE, time, count=rows.sum(), side=side) for side, rows, time in sides if rows.any()]

@@ -201,11 +201,12 @@ def maximise(drives: Sequence[InnovationLikelihood]) -> DriveNoise:
     white = posterior.middle.copy()
     white[-2] = -np.inf
     before = posterior.innovations(white)
-    top, covariance, (e, s, cost) = posterior.climb(_begun(posterior))
+    begun = _begun(posterior)
+    top, covariance, (e, s, cost) = posterior.climb(begun)
     penalty = 0.0
     if any(p.key == "gps.velocity" for p in posterior.parameters):  # velocities may have a time-correlated error, too
         wider = Posterior([drive.with_correlated_velocities() for drive in drives])
-        starts = [np.concatenate([top[:-2], each, top[-2:]]) for each in VELOCITY_STARTS]
+        starts = [np.concatenate([at[:-2], each, at[-2:]]) for at in (top, begun) for each in VELOCITY_STARTS]
         costs = [wider.innovations(at)[2] for at in starts]
         if min(costs) < cost:
             at, of_at, found = wider.climb(starts[int(np.argmin(costs))])

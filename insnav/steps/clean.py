@@ -10,10 +10,8 @@ from insnav.filter.gates import UNUSABLE, Gates, without_frozen
 from insnav.filter.gps_noise import with_sd
 from insnav.filter.prepare import good_fixes
 from insnav.findings import Finding
-from insnav.input import Reading
 from insnav.spill import blocks
 from insnav.steps import Model, Recording
-from insnav.types import GpsData, ImuData
 
 SLOWEST = 2.5  # least rate of an IMU for navigation [Hz]
 
@@ -23,7 +21,8 @@ def clean(recording: Recording, model: Model) -> tuple[Recording, Model, tuple[F
 
     Slow errors mask no motion: fixes without a standard deviation get the sd of their scatter.
 
-    Raises: InputError: the rate of the samples is too low. AlignmentError: no fix is good enough.
+    Raises: InputError: the rate of the samples is too low, or sensors stay zero in motion. AlignmentError: no fix
+    is good enough.
     """
     facts = recording.imu.facts
     if facts.rate_hz < SLOWEST:
@@ -31,17 +30,12 @@ def clean(recording: Recording, model: Model) -> tuple[Recording, Model, tuple[F
     if recording.gps is None:
         return recording, model, ()
     fixes = with_sd(recording.gps.data)[0]
-    _refuse_zero_triad(recording.imu, fixes)
+    for sensor, values in (("gyros", recording.imu.data.gyro), ("accelerometers", recording.imu.data.accel)):
+        zero = not any(values[part].any() for part in blocks(len(values)))  # coarse gyros are zero at rest
+        if zero and first_motion(velocity(fixes), fixes.time[0]) is not None:
+            raise InputError("imu.triad_zero", where=facts.path, sensor=sensor)
     moving = without_frozen(fixes, recording.imu.data)[0]
     moving = moving.rows(moving.position_sd[:, 0] < UNUSABLE)
     if moving.time.shape[0] == 0:
         good_fixes(fixes, Gates())
     return replace(recording, fixes_by_scatter=moving), model, ()
-
-
-def _refuse_zero_triad(imu: Reading[ImuData], fixes: GpsData) -> None:
-    """Refuse three gyros or accelerometers that are zero throughout a drive; coarse gyros are zero at rest."""
-    for sensor, values in (("gyros", imu.data.gyro), ("accelerometers", imu.data.accel)):
-        zero = not any(values[part].any() for part in blocks(len(values)))
-        if zero and first_motion(velocity(fixes), fixes.time[0]) is not None:
-            raise InputError("imu.triad_zero", where=imu.facts.path, sensor=sensor)
