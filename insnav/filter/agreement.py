@@ -123,8 +123,8 @@ def _contradictions(
     )
 
 
-# Cost of fixes, twice the negative log-likelihood: of an unused fix, and additional cost of each run of unused fixes of
-# any length, as false fixes come in runs [-]. From `FALSE_FROM` on the cost grows logarithmically.
+# Twice the negative log-likelihood of an unused fix, and of each run of unused fixes in addition: false fixes come in
+# runs [-]. From `FALSE_FROM` on, the cost of a fix grows logarithmically.
 UNUSED, EPISODE = 10.0, 30.0
 
 

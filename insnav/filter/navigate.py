@@ -163,7 +163,7 @@ def _add_aiding(ready: FilterInput, run: Run, spec: ImuSpec) -> FilterInput:
 
 
 def _doubt_stops(ready: FilterInput, run: Run) -> tuple[FilterInput, Run]:
-    """Drop the stops in gaps of the fixes if the fixes are likelier without: a creeping vehicle may hardly vibrate."""
+    """Drop the stops in gaps if that makes the fixes more likely: a creeping vehicle may hardly vibrate."""
     aiding = ready.aiding.measurements or ()
     zupt = next((each for each in aiding if isinstance(each, ZeroVelocity)), None)
     if zupt is None:
