@@ -61,8 +61,8 @@ LONG_ENOUGH = 60.0  # least common time to detect different drives [s]
 AS_IS = 3.0  # smaller offsets are a delay [s]
 DENSE = 6.0  # longer intervals may contain full circles: a flight with a fix every 10 s has r = 0.3 [s]
 NOISE = 2.0  # fixes with more than this multiple of the samples' RMS are noise, whatever their sd
-# Least refined correlation of turns or accelerations for an offset. If the correlation of accelerations is below minus
-# this value, it contradicts the turns: gravity was estimated in a banked turn [-]
+# Least refined correlation of turns or accelerations for an offset. Accelerations with the same negative correlation
+# contradict turns: gravity was estimated in a banked turn [-]
 LEAST = 0.5
 # IMU at rest: largest difference of its means over such a time, and least change rate of moving fixes. Consumer biases
 # vary by 0.03 m/s^2 and 0.001 rad/s in ten minutes. Ships, trains and flights may change no faster.

@@ -178,6 +178,7 @@ INTERVAL = 0.25  # between aiding measurements of a kind [s]
 # A residual that persists for minutes is systematic: white noise cannot represent it. Beyond this inflation the
 # measurement would have no weight.
 LARGEST_INFLATION = 3.0
+UNCORRELATED = 0.05  # a smaller autocorrelation is chance [-]
 
 
 def robust_fit(design: FloatArray, values: FloatArray, step: float) -> tuple[FloatArray, FloatArray, float]:
@@ -218,7 +219,7 @@ def _sum_of_correlations(residual: FloatArray, stride: int) -> float:
     total = 1.0
     for lag in range(1, min(r.shape[0] // 3, 400)):
         rho = float(np.mean(r[lag:] * r[:-lag])) / power
-        if rho <= 0.0:
+        if rho <= UNCORRELATED:
             break
         total += 2.0 * rho
     return total
