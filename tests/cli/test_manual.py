@@ -20,7 +20,7 @@ PAGES = sorted(p for p in (ROOT / "docs").rglob("*.md") if "auto_gallery" not in
 DOCUMENTS = [*sorted(ROOT.glob("*.md")), *sorted((ROOT / ".github").glob("*.md")), *PAGES]
 FENCED = re.compile(r"^```(\S*)[^\n]*\n(.*?)^```", re.MULTILINE | re.DOTALL)
 MESSAGES = sorted((ROOT / "insnav" / "messages").rglob("*en.toml"))
-OF_OTHERS = {"--csv", "--dist", "--file", "--nthreads", "--nworkers", "--scope"}  # ros2, pytest, projsync, dask, systemd-run
+OF_OTHERS = {"--csv", "--dist", "--file", "--nthreads", "--nworkers", "--scope"}  # of other programs
 LINK = re.compile(r"\]\(([^)\s]+)\)|^```\{(?:image|include)\} (\S+)", re.MULTILINE)
 
 
