@@ -67,7 +67,7 @@ for axis, (name, (samples, fixes)) in zip(axes, drives.items(), strict=True):
             variances = step.kind.size**2 * SIZES
             prior = step.kind.cost(variances, record.interval)[:, None] + cost_of_end(record.interval)
             pair = (gains_of(score[begin] - score[rows], both, variances) - prior).max(axis=0)
-            axis.plot(time[rows], pair, "k", lw=1.2, label=f"drag from {time[begin]:.0f} s, by its end")
+            axis.plot(time[rows], pair, "k", lw=1.2, label=f"drag from {time[begin]:.0f} s to the time on the axis")
     axis.set_title(name)
     axis.set_ylabel("gain [-]")
     axis.legend(fontsize=8)

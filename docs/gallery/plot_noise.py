@@ -32,5 +32,5 @@ for row, each in enumerate(figures):
 axes.axvline(1.0, color="0.6", lw=0.8)
 axes.set_xscale("log")
 axes.set_yticks(range(len(figures)), [each.key.replace("_", " ").replace(".", ", ") for each in figures])
-axes.set_xlabel("multiple of the figure of the simulation")
-axes.set_title("Noise of an industrial IMU, found in a city drive")
+axes.set_xlabel("multiple of the simulated value")
+axes.set_title("Noise of an industrial IMU, estimated from a city drive")

@@ -6,17 +6,21 @@ import re
 import shlex
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 from urllib.parse import unquote
 
 import pytest
 
 import insnav
-from insnav.cli import commands
+from insnav.cli import RENAMED, commands
+from insnav.findings import Code
 from tests.cli.conftest import ROOT
 
 PAGES = sorted(p for p in (ROOT / "docs").rglob("*.md") if "auto_gallery" not in p.parts)
 DOCUMENTS = [*sorted(ROOT.glob("*.md")), *sorted((ROOT / ".github").glob("*.md")), *PAGES]
 FENCED = re.compile(r"^```(\S*)[^\n]*\n(.*?)^```", re.MULTILINE | re.DOTALL)
+MESSAGES = sorted((ROOT / "insnav" / "messages").rglob("*en.toml"))
+OF_OTHERS = {"--csv", "--dist", "--file", "--nthreads", "--nworkers", "--scope"}  # of other programs
 LINK = re.compile(r"\]\(([^)\s]+)\)|^```\{(?:image|include)\} (\S+)", re.MULTILINE)
 
 
@@ -67,6 +71,29 @@ def understood(words: list[str]) -> None:
     with command.make_context("insnav", [], resilient_parsing=True) as context:
         context.resilient_parsing = False  # which was for making it without arguments: an unknown option is an error
         command.make_parser(context).parse_args(list(words))
+
+
+def options_of(command: Any) -> set[str]:
+    """Options of a command and of the commands below it."""
+    below = getattr(command, "commands", {}).values()
+    return {name for each in command.params for name in (*each.opts, *each.secondary_opts)}.union(
+        *map(options_of, below)
+    )
+
+
+@pytest.mark.parametrize("page", [ROOT / "README.md", *PAGES, *MESSAGES], ids=named)
+def test_an_option_in_a_sentence_is_one_of_a_command(page: Path):
+    words = set(re.findall(r"(?<![\w-])--[a-z][a-z-]+", page.read_text(encoding="utf-8")))
+    assert words <= options_of(commands()) | {"--help", *OF_OTHERS, *RENAMED}
+
+
+@pytest.mark.parametrize("page", PAGES, ids=named)
+def test_a_code_in_a_sentence_is_one_of_a_finding(page: Path):
+    codes = {each.value for each in Code}
+    families = {code.partition(".")[0] for code in codes}
+    words = set(re.findall(r"`([a-z_]+\.[a-z_.]+)`", page.read_text(encoding="utf-8")))
+    files = {each for each in words if re.search(r"\.(csv|html|json|py|toml|txt|yaml)$", each)}
+    assert {each for each in words - files if each.partition(".")[0] in families} <= codes
 
 
 @pytest.fixture
