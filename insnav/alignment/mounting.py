@@ -3,13 +3,14 @@
 In windows of a few seconds the gyros carry the specific force into the axes at the window's start. Its integrals there
 must equal the changes of GPS velocity minus gravity (compare Wu and Pan, "Velocity/position integration formula part I:
 application to in-flight coarse alignment", IEEE Trans. AES 49 (2013) 1006-1023). Twice integrated, they must equal
-position changes from a free place and velocity. The rotation between the two sets of vectors (Wahba, "A least squares
-estimate of satellite attitude", SIAM Review 7 (1965) 409; Markley, J. Astronautical Sciences 36 (1988) 245-258: by
-singular values) is the IMU attitude, from the data alone. Relative to the course over ground it is the mounting.
+position changes from a free place and velocity. The rotation between the two sets of vectors (Wahba, SIAM Review 7
+(1965) 409; by Davenport's q method: Markley and Mortari, J. Astronautical Sciences 48 (2000) 359-380) is the IMU
+attitude, from the data alone. Relative to the course over ground it is the mounting.
 
 Over half a minute, gravity shows tilts of a degree: it must turn in the body as the gyros measure. Each signed order of
 the gyros, with and without a reflection, has a likelihood. All come from the same sums of products of increments.
-Columns are wrong if the likelihood ratio outweighs the prior odds: one to a hundred for each wrong column.
+Columns are wrong if the likelihood ratio outweighs the prior odds: one to a hundred for each wrong column. All orders
+with as many wrong columns share these odds.
 """
 
 from __future__ import annotations
@@ -44,7 +45,8 @@ SHARE = 0.1  # error of accelerations, by slip, scale factors and lever arm [-]
 LIVELY = 0.3  # RMS acceleration of a useful window [m/s^2]
 TURN = np.deg2rad(25.0)  # course change of a turning window
 SCATTER = np.deg2rad(8.0)  # standard deviation of the yaw beyond which there is no result
-RARE = float(np.log(100.0))  # prior log odds against each wrong column; posterior ones for a refusal
+# prior log odds against each wrong column; posterior ones for a refusal, 95 %
+RARE, SURE = float(np.log(100.0)), float(np.log(19.0))
 FITS = 0.4  # largest unexplained share of the accelerations [-]
 SURE_SD = np.deg2rad(1.0)  # lower limit of the yaw sd, by slip and scale factors [rad]
 AS_IS = np.eye(3)
@@ -83,6 +85,22 @@ def _changes(matrices: FloatArray) -> IntArray:
     return np.asarray(np.minimum(*without))
 
 
+def _fewest(gyros: FloatArray, *, mirrored: bool) -> tuple[int, tuple[FloatArray, FloatArray]]:
+    """Find the fewest changes of columns to right-handed axes: number, matrices of accelerometers and gyros (3, 3)."""
+    accel = np.array([each.T for _, each in _SETS[mirrored]])
+    gyro = (-1.0 if mirrored else 1.0) * accel @ np.sign(gyros)  # a reflected vector turns the other way
+    count = _changes(accel) + _changes(gyro)
+    fewest = int(np.argmin(count))
+    return int(count[fewest]), (accel[fewest], gyro[fewest])
+
+
+@cache
+def _alternatives() -> IntArray:
+    """Count the orders of columns by their fewest changes."""
+    orders = itertools.product((each for some in _SETS for _, each in some), (False, True))
+    return np.bincount([_fewest(gyros, mirrored=mirrored)[0] for gyros, mirrored in orders])
+
+
 def letters_of(to_vehicle: FloatArray, *, mirrored: bool = False) -> str:
     """Return the nearest vehicle axes to x, y and z, such as ``FLU``, of a matrix (3, 3) to forward, right, down."""
     return max(_SETS[mirrored], key=lambda each: float(np.sum(each[1] * to_vehicle)))[0]
@@ -113,11 +131,7 @@ class Mounting:
     @property
     def corrections(self) -> tuple[FloatArray, FloatArray]:
         """Matrices (3, 3) with the fewest changes of columns, for accelerometers and gyros, to right-handed axes."""
-        accel = np.array([each.T for _, each in _SETS[self.mirrored]])
-        # a reflected vector turns the other way
-        gyro = (-1.0 if self.mirrored else 1.0) * accel @ np.sign(self.gyros)
-        fewest = int(np.argmin(_changes(accel) + _changes(gyro)))
-        return accel[fewest], gyro[fewest]
+        return _fewest(self.gyros, mirrored=self.mirrored)[1]
 
     def of_columns(self, axes: FloatArray) -> Mounting:
         """Return the mounting of the columns, before their rotation by `axes` (3, 3) of signs alone."""
@@ -134,7 +148,8 @@ class Mounting:
 
     def odds(self, other: Mounting) -> float:
         """Return the logarithm of the odds between wrong columns and another, usual mounting."""
-        return self.gain(other) - RARE * int(_changes(np.array(self.corrections)).sum())
+        count, _ = _fewest(self.gyros, mirrored=self.mirrored)
+        return self.gain(other) - RARE * count - float(np.log(_alternatives()[count]))
 
 
 def find_mounting(parts: Intervals, gps: GpsData) -> Mounting | None:
@@ -167,7 +182,7 @@ def find_mounting(parts: Intervals, gps: GpsData) -> Mounting | None:
             given, nearer = refined(tilting), [each for each in first if each.cost < first[0].cost]
             others = [refined(tilting, each.gyros, mirrored=each.mirrored) for each in nearer]
             best = max(others, key=lambda each: each.odds(given), default=given)
-            if best.odds(given) > RARE and best.misfit < FITS:
+            if best.odds(given) > SURE and best.misfit < FITS:
                 found = refined(windows, best.gyros, mirrored=best.mirrored)
             else:
                 rates = parts.gyro / parts.dt[:, None]
@@ -407,8 +422,7 @@ def _fit(windows: _Windows, felt: FloatArray, gyros: FloatArray, *, mirrored: bo
     axis = int(np.argmin(np.abs(mean[2])))  # the least vertical axis: its direction is the yaw
     yaw = np.arctan2(matrices[:, 1, axis], matrices[:, 0, axis])
     off = np.asarray(wrap_pi(yaw - np.arctan2(mean[1, axis], mean[0, axis])))
-    apart = 2.0 * np.arcsin(np.minimum(away / np.sqrt(8.0), 1.0))
-    scatter = 1.4826 * float(np.median(apart))  # of an aircraft: includes banks
+    scatter = 1.4826 * float(np.median(np.abs(off)))
     turned = _about_down(-off) @ matrices
     left = (windows.change - felt @ np.swapaxes(turned, 1, 2)) / weight[:, None, None]
     squares = np.minimum(np.sum(left**2, axis=(1, 2)), 1.0)

@@ -109,6 +109,7 @@ class InnovationLikelihood:
         self._lasting = at.correlated
         self._tape = kernel.tape(rows, at.states, run.model.noise, bridged(imu.time, time), run.rounding)
         self._offered = rows[:, SOURCE] == FIX
+        self.reset = bool((self._tape[1] == RESTART).any())  # to fixes
         h, jitter = self._tape[7], ready.receiver.jitter
         # fixes: timestamp jitter times speed and acceleration, the negative of the delay column; other aiding: its
         # noise
@@ -155,10 +156,10 @@ class InnovationLikelihood:
         )
         return part
 
-    def of_positions(self, *, sizes: bool) -> InnovationLikelihood:
-        """Copy with the time-correlated share of position errors and its time only; with `sizes` also their sds."""
-        same = copy(self)
-        same.parameters = (*(p for p in self.parameters if sizes and p.key in LEVELS), *self.parameters[-2:])
+    def of_fixes(self, *, positions: bool, velocities: bool) -> InnovationLikelihood:
+        """Copy with the time-correlated share of position errors and its time, and the sds that are chosen."""
+        same, some = copy(self), LEVELS * positions + ("gps.velocity", "gps.vertical_velocity") * velocities
+        same.parameters = (*(p for p in self.parameters if p.key in some), *self.parameters[-2:])
         return same
 
     def with_correlated_velocities(self) -> InnovationLikelihood:
@@ -269,11 +270,6 @@ class InnovationLikelihood:
             raise DivergenceError("filter.misalignment_unbounded")
         found = informed(e[late], of_terms, weights_of(e[late], s[late]), self.misalignment_sd)
         return *found, turned, far_off
-
-    @property
-    def reset(self) -> bool:
-        """Return whether the run was reset to fixes."""
-        return bool((self._tape[1] == RESTART).any())
 
     @property
     def misalignment_sd(self) -> FloatArray:

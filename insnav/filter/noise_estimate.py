@@ -174,7 +174,6 @@ class NoiseEstimate:
 
     spec: ImuSpec  # the IMU
     filter_spec: ImuSpec  # IMU with the misalignment noise of the innovations
-    careful_accel_bias: FloatArray  # (3,) upper plausible value where the drive determines it poorly [m/s^2]
     axes: Misalignment  # misalignments of the IMU
     position_factor: FloatArray  # (3,) on position standard deviations, North, East, Down [-]
     velocity_factor: FloatArray  # (3,) on velocity standard deviations [-]

@@ -19,7 +19,6 @@ from numba.core.config import NUMBA_NUM_THREADS  # type: ignore[attr-defined]
 
 from insnav.exceptions import DivergenceError
 from insnav.filter import innovation_likelihood as likelihood
-from insnav.filter.error_model import error_model
 from insnav.filter.filter_input import FilterInput
 from insnav.filter.gates import Gates
 from insnav.filter.gps_noise import CARRIER, CorrelatedNoise
@@ -37,15 +36,15 @@ ROUNDS = 12  # of Fisher scoring at most
 STEP = 0.01  # of numerical derivatives, in logarithms
 DIGITS = 6  # decimals of these logarithms: far coarser than the rounding of sums
 LARGEST_STEP = 1.5  # per iteration, in logarithms
-ENOUGH = 0.05  # smaller expected gains of the log-likelihood end the search: 0.3 sd from the largest posterior density
+ENOUGH = 0.02  # smaller expected gains of the log-likelihood end the search: 0.2 sd
 NEAR = 3.0  # smaller expected gains end the first steps
 FAR = 5.0  # after a larger gain the derivatives serve another step
 OBSERVABLE = 0.8  # largest ratio of a parameter's interval to the prior interval, if observable
 INTERVAL = np.array([-1.96, 1.96])  # ends of 95 % of a normal distribution, in its sd
 KINK = 3.0  # up to so many sd of a prior's steeper side from its middle, the other side gives the plausible range
 # Logarithm of mean over mode, per variance of the logarithm: 0.5 for a correlation time (log-normal), 2 for a size. The
-# mean variance from n errors, n = 1 / (2 sd^2), is n / (n - 2) times the mode (inverse gamma).
-AVERAGED = {"gps.horizontal": 2.0, "gps.vertical": 2.0, "gps.correlation_time": 0.5}
+# mean variance from n errors, n = 1 / (2 sd^2), is n / (n - 2) times the mode (inverse gamma). Biases are few errors.
+AVERAGED = {"accel.bias": 2.0, "gps.horizontal": 2.0, "gps.vertical": 2.0, "gps.correlation_time": 0.5}
 # Misalignments as constants: datasheets of one kind differ by a factor of two. With a wider prior, two or three
 # observed misalignments, small by chance, made all others small.
 SIZE_PRIOR = 0.7
@@ -97,11 +96,13 @@ class Posterior:
     def plausible(self, top: FloatArray, covariance: FloatArray) -> FloatArray:
         """Compute mean variances and mean correlation time over plausible values, and the ends of the interval: (3, k).
 
-        Time-correlated errors as long as the drive are known to a factor only, and their most likely values are too
-        small.
+        The most likely sizes of few errors are too small, and of time-correlated errors as long as the drive. A broad
+        prior has a larger mean than any IMU: the interval limits it.
         """
-        wide = top + np.diag(covariance) * [AVERAGED.get(p.key, 0.0) for p in self.parameters]
-        return np.array([wide, *(top + end * np.sqrt(np.diag(covariance)) for end in INTERVAL)])
+        variance = np.diag(covariance)
+        low, high = top + np.outer(INTERVAL, np.sqrt(variance))
+        wide = np.minimum(top + variance * [AVERAGED.get(p.key, 0.0) for p in self.parameters], high)
+        return np.array([wide, low, high])
 
     def innovations(self, at: FloatArray) -> _Seen:
         """Compute innovations, their variances, and the cost of a parameter set."""
@@ -215,14 +216,11 @@ def maximise(drives: Sequence[InnovationLikelihood]) -> DriveNoise:
     drive = posterior.drives[0]
     plausible = posterior.plausible(top, covariance)
     position, velocity, correlated = drive.fixes_of(plausible[0])
-    filter_spec = drive.spec(top)
-    # on a straight road only one axis is observable, and all get its value: mean variance, see `AVERAGED`
-    larger = np.where([p.key == "accel.bias" for p in posterior.parameters], 2.0 * np.diag(covariance), 0.0)
+    filter_spec = drive.spec(plausible[0])
     axes, far_off = misalignments(posterior.drives, top, SIZE_PRIOR)
     return DriveNoise(
         _turned(drive.prior, filter_spec, axes.size[0]),
         filter_spec,
-        drive.spec(top + larger).accel.bias,
         axes,
         position,
         velocity,
@@ -426,19 +424,13 @@ def with_noise(ready: FilterInput, noise: NoiseEstimate) -> tuple[FilterInput, t
     return ready, (*_report(noise), *turned)
 
 
-def with_careful_biases(ready: FilterInput, found: NoiseEstimate | None, assumed: ImuSpec) -> FilterInput:
-    """Apply plausible upper values of biases for navigation, instead of the most likely biases.
-
-    `assumed`: the IMU of the alignment.
-    """
+def with_rest(ready: FilterInput, found: NoiseEstimate | None, assumed: ImuSpec) -> FilterInput:
+    """Sharpen the gyro bias of alignments at rest by the estimated noise. `assumed`: the IMU of the alignment."""
     if found is None:
         return ready
-    starts = tuple(replace(part, alignment=after_rest(part.alignment, assumed, found.spec)) for part in ready.starts)
-    ready = replace(ready, starts=starts)
-    accel = np.minimum(found.careful_accel_bias, np.maximum(found.filter_spec.accel.bias, assumed.accel.bias))
-    spec = replace(found.filter_spec, accel=replace(found.filter_spec.accel, bias=accel))
-    model = replace(error_model(spec, ready.model.states), axes_sd=ready.model.axes_sd)
-    return replace(ready.scale_sds(model, np.ones(3), np.ones(3)), model=model)
+    spec = found.spec
+    starts = (replace(part, alignment=after_rest(part.alignment, assumed, spec)) for part in ready.starts)
+    return replace(ready, starts=tuple(starts)).scale_sds(ready.model, np.ones(3), np.ones(3))
 
 
 def usual_time() -> float:
@@ -476,19 +468,19 @@ def with_known_noise(
             ready, turned = _with_axes(ready, misalignments([drive], at, 0.0)[0])
     if not lasting:
         return ready, (*turned, *_too_small(ready, *drive.normalised(at)[:2]))
-    posterior = Posterior([drive.of_positions(sizes=sizes)])
-    starts = [np.concatenate([posterior.middle[:-2], each]) for each in STARTS]
-    top, covariance, (e, s, _) = posterior.climb(min(starts, key=lambda each: posterior.innovations(each)[2]))
-    faults = _too_small(ready, e, s)
-    if faults:  # time-correlated errors would absorb other noise
-        return ready, (*turned, *faults)
+    faults: tuple[Finding, ...] = ()
+    for velocities in (False, True):  # time-correlated errors of positions would absorb other noise
+        posterior = Posterior([drive.of_fixes(positions=sizes, velocities=velocities)])
+        starts = [np.concatenate([posterior.middle[:-2], each]) for each in STARTS]
+        top, covariance, (e, s, _) = posterior.climb(min(starts, key=lambda each: posterior.innovations(each)[2]))
+        if not (faults := faults or _too_small(ready, e, s)):
+            break
     plausible = posterior.plausible(top, covariance)
-    position, _, correlated = posterior.drives[0].fixes_of(plausible[0])
-    if sizes:
-        ready = ready.scale_sds(ready.model, position, np.ones(3))
+    position, velocity, correlated = posterior.drives[0].fixes_of(plausible[0])
+    ready = ready.scale_sds(ready.model, position, velocity)
     estimates = [_figure(p, x, spec) for p, x in zip(posterior.parameters, plausible.T, strict=True)]
     more = *_report_factor(Code.ESTIMATE_POSITION_SD, position), _report_correlated(correlated, estimates)
-    return ready.replace_correlated(correlated), (*turned, *more)
+    return ready.replace_correlated(correlated), (*turned, *faults, *more)
 
 
 def _too_small(ready: FilterInput, innovation: FloatArray, variance: FloatArray) -> tuple[Finding, ...]:
@@ -559,6 +551,5 @@ def _report_factor(code: Code, factor: FloatArray) -> list[Finding]:
 def _report_correlated(found: CorrelatedNoise, figures: Sequence[NoiseFigure]) -> Finding:
     hardly = {"gps.share", "gps.correlation_time"} & {figure.key for figure in figures if not figure.observable}
     code = Code.ESTIMATE_CORRELATED_PLAUSIBLE if hardly else Code.ESTIMATE_CORRELATED
-    if found.time < likelihood.LONGEST:
-        return Finding.of(code, share=found.share, time_s=found.time)
-    return Finding.of(code, share=found.share, longer_than_s=likelihood.LONGEST)
+    time: Any = {"time_s": found.time} if found.time < likelihood.LONGEST else {"longer_than_s": likelihood.LONGEST}
+    return Finding.of(code, share=found.share, **time)

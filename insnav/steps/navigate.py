@@ -7,7 +7,7 @@ from dataclasses import replace
 from insnav import spill
 from insnav.filter.filter_input import Output
 from insnav.filter.navigate import navigate_prepared
-from insnav.filter.noise_identification import with_careful_biases
+from insnav.filter.noise_identification import with_rest
 from insnav.findings import Finding, added
 from insnav.steps import Model, Recording
 
@@ -20,7 +20,7 @@ def navigate(recording: Recording, model: Model) -> tuple[Recording, Model, tupl
     assert model.ready is not None
     assert model.imu is not None
     task, explanation = model.task, model.explanation
-    ready = replace(with_careful_biases(model.ready, model.noise, model.imu[0]), output=task.output or Output())
+    ready = replace(with_rest(model.ready, model.noise, model.imu[0]), output=task.output or Output())
     spill.trim()  # arrays of the searches
     widen = None if explanation is None else explanation.widen
     source = "specification" if model.noise is None else "innovations"

@@ -203,6 +203,13 @@ def test_each_of_the_48_signed_orders_is_found_in_a_city(sensor):
         assert found.mirrored == (sensor == "accel" and reflection < 0.0)
 
 
+def test_the_prior_odds_are_shared_by_all_orders_with_as_many_changes():
+    """96 orders. One change: three signs, six exchanges or all signs, of the gyros or of the accelerometers."""
+    count = mounting._alternatives()
+    assert count.sum() == 48 * 2
+    assert count[:2].tolist() == [1, 2 * (3 + 6 + 1)]
+
+
 @pytest.mark.parametrize("profile", ["city", "motorway", "mountain_road", "aircraft_pattern", "figure_eight"])
 @pytest.mark.parametrize("positions", [False, True], ids=["velocities", "positions alone"])
 def test_right_columns_are_never_refused(profile, positions):

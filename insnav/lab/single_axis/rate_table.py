@@ -302,9 +302,9 @@ def _bent(rate: FloatArray, output: FloatArray, used: BoolArray) -> IntArray:
 def _spread(rate: FloatArray, output: FloatArray, fit: Fit) -> FloatArray:
     """Compute the covariance of a line, with the doubt how many of the outer rates are bent.
 
-    Each hypothesis has 0 to `BENT` rates a side that fall short by any amount. Its line has the weight of Schwarz's
-    criterion, and its second moment about `fit` counts: J. A. Hoeting et al., Bayesian Model Averaging, Statistical
-    Science 14 (1999), section 2.
+    Each hypothesis has 0 to `BENT` rates a side that fall short by any amount. A side is straight with prior one half.
+    A line has the weight of Akaike's criterion, and its second moment about `fit` counts: Burnham and Anderson, Sociol.
+    Methods Res. 33 (2004) 261-304.
     """
     places, design = np.unique(rate), np.column_stack((np.ones_like(rate), rate))
     floor = np.finfo(np.float64).eps ** 2 * float(output @ output)
@@ -318,7 +318,8 @@ def _spread(rate: FloatArray, output: FloatArray, fit: Fit) -> FloatArray:
         excess = (output - design @ line.value) * np.sign(rate * line.value[1])
         rest = [line.residual, *(excess[rate == p] - min(excess[rate == p].mean(), 0.0) for p in bent)]
         squares = max(float(np.sum(np.concatenate(rest) ** 2)), floor)
-        criteria.append(rate.size * np.log(squares) + len(bent) * np.log(rate.size))
+        prior = np.log(BENT) * ((low == 0) + (high == 0))
+        criteria.append((rate.size - 2) * np.log(squares) + 2.0 * (len(bent) - prior))
         own = np.linalg.inv(design[straight].T @ design[straight]) * squares / (rate.size - 2 - len(bent))
         moments.append(own + np.outer(line.value - fit.value, line.value - fit.value))
     weight = np.exp(-0.5 * (np.array(criteria) - min(criteria)))
