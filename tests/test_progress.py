@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import math
 import re
 import sys
 import time
@@ -16,6 +17,7 @@ from insnav import progress
 from insnav.cli import console
 from insnav.library import sample_drive
 from insnav.messages import phrase
+from tests.reversed_messages import as_shown
 
 Clock = Callable[[float], None]
 
@@ -30,20 +32,25 @@ def clock(monkeypatch: pytest.MonkeyPatch) -> Clock:
 
 def left_of(line: str) -> float | None:
     """Remaining time that a line promises [s]."""
-    found = re.search(r"about (\d+) s to come", line)
+    found = re.search(rf"{as_shown(', about ')}(\d+) s{as_shown(' to come')}", line)
     return None if found is None else float(found[1])
+
+
+def so_far(name: str, time_s: float, count: str = "", share: float = math.nan) -> str:
+    """Line of a stage without a remaining time."""
+    return phrase("terminal.so_far", stage=name + count, share=share, time_s=time_s, left_s=math.nan)
 
 
 def test_a_stage_says_its_fraction_and_count_only_where_they_are_known(clock: Clock):
     stage = progress.Stages(print, ())
-    assert stage.line() == "computing: 0 s so far"  # before the first announcement
+    assert stage.line() == so_far("computing", 0.0)  # before the first announcement
     stage("reading")
     clock(27.0)
-    assert stage.line() == "reading: 27 s so far"  # what is not known is no time to come
+    assert stage.line() == so_far("reading", 27.0)  # what is not known is no time to come
     stage("navigating", 0.25, 300)
-    assert stage.line() == "navigating 75/300 25 %: 27 s so far"
+    assert stage.line() == so_far("navigating", 27.0, " 75/300", 0.25)
     stage("writing")
-    assert stage.line() == "writing: 27 s so far"
+    assert stage.line() == so_far("writing", 27.0)
 
 
 @pytest.mark.parametrize(("quick", "slow"), [(10.0, 10.0), (10.0, 50.0), (50.0, 10.0)])
@@ -89,7 +96,7 @@ def test_a_terminal_shows_one_line_and_clears_it(monkeypatch: pytest.MonkeyPatch
         time.sleep(0.2)
         console.note("a remark")
     states = terminal.getvalue().split(console.CLEARED)
-    assert "compiling kernels (once): 0 s" in states  # cut at the width: the line is not left twice
+    assert f"compiling kernels (once){as_shown(': ')}0 s" in states  # cut at the width: the line is not left twice
     assert "insnav: a remark\n" in "".join(states)
     assert states[-1] == ""
 
@@ -111,17 +118,21 @@ def cell(monkeypatch: pytest.MonkeyPatch) -> list[str]:
     return shown
 
 
+def names_of(lines: list[str]) -> set[str]:
+    """Stages that some lines show."""
+    return {re.split(r" \d+ %| ?:", line)[0] for line in lines}
+
+
 def test_a_notebook_shows_the_progress_of_outage_and_budget(cell: list[str]):
     imu, gps, _ = sample_drive()
     drive = insnav.load(imu, gps).beginning(150.0)
     drive.outage(lengths=10.0, spacing=20.0)
-    names = {re.split(r" \d+ %|:", line)[0] for line in cell if line}
-    assert {"aligning", "navigating", "simulating outages"} <= names
+    assert {"aligning", "navigating", "simulating outages"} <= names_of(cell)
     assert any(" %" in line for line in cell)
     assert cell[-1] == ""
     cell.clear()
     drive.budget(times=(10.0,))
-    assert {"simulating outages", "simulating replicas"} <= {re.split(r" \d+ %|:", line)[0] for line in cell}
+    assert {"simulating outages", "simulating replicas"} <= names_of(cell)
     cell.clear()
     drive.navigate(progress=lambda fraction: None)  # who asks for it shows it himself
     assert cell == []
@@ -131,4 +142,4 @@ def test_the_stages_are_in_the_language_of_the_messages(monkeypatch: pytest.Monk
     monkeypatch.setenv("INSNAV_LANG", "zh")
     stage = progress.Stages(print, ())
     stage("finding the noise")
-    assert stage.line() == phrase("terminal.so_far", stage="估计噪声", time_s=0.0)
+    assert stage.line() == phrase("terminal.so_far", stage=as_shown("估计噪声"), time_s=0.0)
