@@ -39,8 +39,9 @@ def chi_square(freedom: Any, probability: float) -> Any:
 def rms_length(values: FloatArray) -> float:
     """Compute the RMS length of the known vectors ``(n, k)``; ``NaN`` without any."""
     total = 0.0
-    for rows in spill.blocks(len(values), size=1 << 13):  # these fit in the cache
-        total += sum(float(np.einsum("i,i->", column, column)) for column in values[rows].T)
+    for at in range(0, len(values), 1 << 13):  # these fit in the cache
+        total += sum(float(np.einsum("i,i->", column, column)) for column in values[at : at + (1 << 13)].T)
+    spill.release()
     if math.isfinite(total) and len(values):
         return math.sqrt(total / len(values))
     known = values[np.isfinite(values).all(axis=1)]

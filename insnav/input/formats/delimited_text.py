@@ -229,7 +229,6 @@ def _read_fast(data: object, dialect: Dialect, indices: Sequence[int]) -> Number
             n = end
             if number % _BLOCKS == 0:
                 spill.release()
-    pa.default_memory_pool().release_unused()
     return Numbers({i: column[:n] for i, column in zip(indices, columns, strict=True)}, n)
 
 
