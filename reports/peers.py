@@ -312,7 +312,7 @@ def _begun(whole: Material) -> tuple[Material, FilterInput]:
         part = shortened(whole, seconds)
         last = whole.imu.time[0] + seconds > whole.imu.time[-1]
         try:
-            ready = prepare(part.imu, part.gps, part.spec, part.receiver)
+            ready, _ = prepare(part.imu, part.gps, part.spec, part.receiver)
             moving = part.gps.v_n[part.gps.time > ready.initial.time + LATEST]
             if last or part.min_speed == 0.0 or (np.linalg.norm(moving, axis=1) > part.min_speed).sum() >= LATEST:
                 return part, ready

@@ -42,7 +42,7 @@ drives = {
 figure, axes = plt.subplots(2, 1, figsize=(8, 7), sharex=True, layout="constrained")
 for axis, (name, (samples, fixes)) in zip(axes, drives.items(), strict=True):
     receiver = Receiver(delay=Delay(sd=DELAY_SD))
-    record = next(LinearRecord.of(prepare(samples, fixes, load_imu("automotive"), receiver)))
+    record = next(LinearRecord.of(prepare(samples, fixes, load_imu("automotive"), receiver)[0]))
     found = search(record, KINDS)
     plain = search(record, ()).best  # without a fault
     seen, time = plain.seen, record.time - imu.time[0]
