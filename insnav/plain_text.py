@@ -17,6 +17,12 @@ _LARGE = re.compile(r"\b\d(?:\.\d+)?e\+\d\d\b")
 _FORMULA = ("=", "+", "-", "@", "\t", "\r")
 
 
+class Name(str):
+    """Name that the user chose: no language translates it."""
+
+    __slots__ = ()
+
+
 def plain_text(text: object) -> str:
     """Reduce a text to one line without terminal escape codes, control or direction-override characters."""
     kept = _ESCAPE.sub("", str(text).encode("utf-8", NOT_UTF8).decode())

@@ -170,14 +170,15 @@ def translated(text: str) -> str:
     An entry is a whole text with ``#`` for each number, or a form with ``{}`` for each part, which is translated, too.
     A text without an entry is translated part by part, between semicolons, colons or commas, if all parts have entries.
     """
-    return _translated(plain_text.plain_text(text), language(), _SPOKEN.get()[1])
+    kept = isinstance(text, plain_text.Name)
+    return text if kept else _translated(plain_text.plain_text(text), language(), _SPOKEN.get()[1])
 
 
 @lru_cache(maxsize=4096)
 def _translated(text: str, lang: str, kept: frozenset[str]) -> str:
     words = catalogue(f"page.{lang}")["words"]
-    if not words or text in words or text in kept:
-        return text if text in kept else str(words.get(text, text))
+    if not words or text in words:
+        return str(words.get(text, text))
     name, bracket, unit = text.partition(" [") if text.endswith("]") else (text, "", "")
     lowered = name[:1].lower() + name[1:]
     key = next((key for key in (_NUMBER.sub("#", name), _NUMBER.sub("#", lowered)) if key in words), None)
@@ -196,7 +197,7 @@ def _translated(text: str, lang: str, kept: frozenset[str]) -> str:
 
 def _parts(own: Sequence[str], lang: str, kept: frozenset[str]) -> list[str]:
     """Translate the parts of a text; return nothing if a part of several words has no translation."""
-    parts = [_translated(each, lang, kept) for each in own]
+    parts = [each if each in kept else _translated(each, lang, kept) for each in own]
     return [] if any(a == b and a not in kept and _PROSE.search(a) for a, b in zip(own, parts, strict=True)) else parts
 
 

@@ -15,7 +15,7 @@ import numpy as np
 
 from insnav.findings import Code, Finding, Severity
 from insnav.messages import At, form, moment, phrase, render, sentence, shows_time, translated
-from insnav.plain_text import plain_text
+from insnav.plain_text import Name, plain_text
 from insnav.quantity import Quantity
 from insnav.report.style import number, rounded
 
@@ -149,7 +149,7 @@ class Page:
     merits: tuple[Quantity, ...] = ()  # figures of merit, about six; also in the sections
     merits_note: str = ""  # subject of the merits
     merits_by: Mapping[str, tuple[Quantity, ...]] | None = None  # merits at each position of the switch
-    names: frozenset[str] = frozenset()  # names that the user chose: no language translates them
+    names: frozenset[str] = frozenset()  # names that the user chose: not translated within a text; see `Name`
 
     @property
     def warnings(self) -> tuple[str, ...]:
@@ -314,7 +314,7 @@ def _value_text(each: Quantity) -> str:
     if isinstance(value, Code):
         return render(Finding.of(value)).title
     if isinstance(value, str):
-        return plain_text(value) or number(None)
+        return (Name if isinstance(value, Name) else str)(plain_text(value)) or number(None)
     if isinstance(value, bool):
         return phrase("page.yes" if value else "page.no")
     if isinstance(value, int | np.integer):

@@ -43,7 +43,7 @@ WORK = [
     ("drive", "check imu.csv gps.csv ref.csv --out out"),
     ("drive", f"align {DRIVE} --out out"),
     ("drive", "tune imu.csv --gps gps.csv --out out"),
-    ("drive", "batch . --engine 1 --imu automotive --figures none --out out"),
+    ("drive", "batch .. --engine 1 --imu automotive --figures none --out out"),
     ("drive", "budget --imu LN-200 --times 10,60 --runs 3 --out out"),
     ("drive", "budget --end=-2.668,-8.231,-0.0803,-0.2754 --times 60 --imu LN-200 --out out"),
     ("drive", "simulate laboratory_slide --fault gps-jump:60m@20s+8s --out out"),
@@ -89,7 +89,7 @@ _WORD = re.compile(r"[A-Za-z][a-z']{2,}")
 _ALLOWED = """
 insnav Allan Greenhall Riley Harvey Owen Song Nelson Staum Shapley Kalibr Tedaldi Pretto Menegatti Markdown Unix
 Ferraris Euler EuRoC GeoJSON deg arcsec arcmin min ppm rad mrad sin cos single Std
-states smooth format csv figures page drives out imu gps msl first counts
+states smooth format csv figures page drives out imu gps msl first counts work
 """  # people, programs, units; names of options, folders and inputs
 NAMES = set(_ALLOWED.split())
 for part in (ROOT / "insnav" / "imu" / "parts").glob("*.toml"):

@@ -15,6 +15,7 @@ from insnav.exceptions import InputError
 from insnav.findings import Code, Finding
 from insnav.messages import sentence, speaking, translated
 from insnav.output.solution_tables import write_run_table
+from insnav.plain_text import Name
 from insnav.report.comparison.page import comparison_panels
 from insnav.report.html import page_html
 from insnav.report.terminal import brief_text, page_text
@@ -52,6 +53,7 @@ def test_no_language_translates_the_names_of_runs(driven, tmp_path):
         html = page_html(page, {})
         texts = page_text(page), brief_text(page, None), re.sub("<script.*?</script>", "", html, flags=re.DOTALL)
         assert [translated(name) for name in ("demo", "day")] == ["示例", "一昼夜"]
+        assert translated(Name("demo")) == "demo"
         finding = Finding.of(Code.RUN_OVERCONFIDENT, subject="day", share=0.2)
         with speaking("zh", page.names):
             assert sentence(finding).startswith("day的位置")

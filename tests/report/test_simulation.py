@@ -106,11 +106,11 @@ def test_motion_is_drawn_in_the_units_of_its_labels():
     time, motion = seen(ROUND)
     by_label = {panel.y_label: [curve.y for curve in panel.curves] for panel in motion_panels(time, motion)}
     assert set(by_label) == {
-        "speed [m/s]", "height [m]", "tilt [deg]", "heading [deg]", "rate [deg/s]", "force [m/s²]",
+        "speed [m/s]", "height [m]", "angle [deg]", "heading [deg]", "rate [deg/s]", "force [m/s²]",
     }  # fmt: skip
     assert by_label["speed [m/s]"][0].max() == pytest.approx(20.0, rel=1e-3)
     bank = np.degrees(np.arctan2(20.0 * 0.2, 9.81))
-    assert by_label["tilt [deg]"][0][0] == pytest.approx(bank, abs=0.05)
+    assert by_label["angle [deg]"][0][0] == pytest.approx(bank, abs=0.05)
     assert by_label["rate [deg/s]"][2][0] == pytest.approx(np.degrees(0.2) * np.cos(np.radians(bank)), abs=0.05)
     heading = by_label["heading [deg]"][0]
     assert np.nanmax(heading) <= 360.0

@@ -13,6 +13,7 @@ from insnav.findings import Finding
 from insnav.output.data_files import write_table
 from insnav.output.folder import RunFolder
 from insnav.output.solution_tables import TableFormat
+from insnav.plain_text import Name
 from insnav.quantity import Quantity
 from insnav.report import page as room
 from insnav.report.page import DataFrame, Light, Page, Section, Verdict, by_warnings, drawn, rows_frame
@@ -107,7 +108,7 @@ def _row(of: Compared) -> tuple[Quantity, ...]:
     """Build the row of errors of a solution and its share inside 3 sd."""
     errors, consistency = accuracy(of.errors) or {}, nees(of.errors)
     position = None if consistency is None else consistency["position"]
-    row = [Quantity("run", of.run), Quantity("solution", of.solution)]
+    row = [Quantity("run", Name(of.run)), Quantity("solution", of.solution)]
     for key, heading, unit, quantity, statistic in _COLUMNS:
         if errors.get(quantity) is not None:
             size = UNITS[unit][1]

@@ -14,7 +14,7 @@ import numpy as np
 from insnav.findings import Finding, Severity
 from insnav.fleet.batch import DRIVES, FILES, Navigated
 from insnav.messages import form, phrase, render
-from insnav.plain_text import cell_text
+from insnav.plain_text import Name, cell_text
 from insnav.quantity import Quantity, quantity_of
 from insnav.report.page import DataFrame, Light, Page, Section, Verdict, one_each, rows_frame
 from insnav.report.panels import Curve, Panel
@@ -58,11 +58,10 @@ class Row:
 
     def quantities(self) -> tuple[Quantity, ...]:
         """Return the cells of the table."""
-        reason = "; ".join(
-            text for text in (f"{self.stands_out} stands out" * bool(self.stands_out), self.reason) if text
-        )
+        reason = "; ".join(filter(None, (f"{self.stands_out} stands out" * bool(self.stands_out), self.reason)))
+        names = {"drive": Name(self.drive.name), "vehicle": Name(self.drive.vehicle)}
         return (
-            *of_table("fleet.drive", self.drive, result=phrase(f"light.{self.light}")),
+            *of_table("fleet.drive", result=phrase(f"light.{self.light}"), **names),
             *(Quantity(key, self.figures.get(key), unit, meaning=label) for key, _, unit, label in _FIGURES),
             Quantity("outlier", self.score or None, meaning="z-score", digits=2, mark="!" * bool(self.stands_out)),
             Quantity("reason", reason, meaning="why"),
@@ -99,11 +98,8 @@ def _row(drive: Navigated) -> Row:
     if drive.facts is None:
         return Row(drive, "failed", "" if drive.failed is None else drive.failed.reason)
     smoothed, filtered = (drive.facts.get(name) or {} for name in ("smoothed", "solution"))
-    facts = {
-        **drive.facts,
-        "best": smoothed.get("accuracy") or drive.facts.get("accuracy"),
-        "last": smoothed or filtered,
-    }
+    best = smoothed.get("accuracy") or drive.facts.get("accuracy")
+    facts = {**drive.facts, "best": best, "last": smoothed or filtered}
     fixes = (facts.get("fixes") or {}).get("position") or {}
     if fixes.get("processed"):
         fixes["share_rejected"] = fixes["rejected"] / fixes["processed"]
@@ -155,11 +151,9 @@ def vehicle_noise(rows: Iterable[Row]) -> dict[str, list[Quantity]]:
     found: dict[str, list[Quantity]] = {}
     for row in rows:
         if row.noise:
-            found.setdefault(row.drive.vehicle or row.drive.name, []).extend(row.noise)
+            found.setdefault(Name(row.drive.vehicle or row.drive.name), []).extend(row.noise)
     return {
-        name: [
-            _mean([q for q in found[name] if q.key == key]) for key in _NOISE if any(q.key == key for q in found[name])
-        ]
+        name: [_mean(own) for key in _NOISE if (own := [each for each in found[name] if each.key == key])]
         for name in sorted(found)
     }
 
@@ -185,15 +179,14 @@ def page(result: Result[tuple[Navigated, ...]]) -> Page:
     shown = form("list").join(phrase("terminal.line", name=phrase(f"light.{x}"), text=n) for x, n in count.items() if n)
     outcome = f"{shown}{form('stop')}" if out is None else f"{shown}; {out.drive.name} stands out most."
     wrong = count["failed"] + count["bad"]
-    light: Light = (
-        "bad" if wrong else "attention" if count["attention"] or out else "unknown" if count["unknown"] else "good"
-    )
+    calm: Light = "unknown" if count["unknown"] else "good"
+    light: Light = "bad" if wrong else "attention" if count["attention"] or out else calm
     reason = f"{wrong} of {total} drives failed or are not to be relied on" if wrong else f"none of {total} failed"
     if light == "attention":
         some = f"results of {count['attention']} of {total} drives need attention"
         reason = some if count["attention"] or out is None else f"{out.drive.name} stands out"
     failed = [(row.drive.name, row.drive.failed) for row in rows if row.drive.failed is not None]
-    failures = tuple(of_table("fleet.failure", each, drive=name) for name, each in failed)
+    failures = tuple(of_table("fleet.failure", each, drive=Name(name)) for name, each in failed)
     note = (
         f"outliers first; z-score: largest of error, sd, NIS and rejected fixes, against the fleet; ! beyond {OUTLIER}"
     )
@@ -228,13 +221,12 @@ def nonempty_columns(rows: Sequence[Sequence[Quantity]]) -> tuple[tuple[Quantity
 def _panels(rows: Sequence[Row]) -> tuple[Panel, ...]:
     """Draw the NIS of every drive, in table order."""
     curves = []
-    for key, colour in (("nis_position", BLUE), ("nis_velocity", GREEN)):
+    for label, colour in (("position", BLUE), ("velocity", GREEN)):
+        key = f"nis_{label}"
         known = [(place, row.figures[key], row.drive.name) for place, row in enumerate(rows, 1) if key in row.figures]
         if known:
             x, y, names = zip(*known, strict=True)
-            curves.append(
-                Curve(key.removeprefix("nis_"), np.array(x, float), np.array(y), colour, "crosses", text=names)
-            )
+            curves.append(Curve(label, np.array(x, float), np.array(y), colour, "crosses", text=names))
     title, axis = "Normalised innovations (NIS)", "place in the table"
     edges = np.array([0.5, len(rows) + 0.5])  # margin for the first and the last
     curves.append(Curve("", edges, np.ones(2), VERMILLION, "thin"))
