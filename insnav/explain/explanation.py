@@ -163,7 +163,8 @@ def explain_faults(ready: FilterInput, kinds: Sequence[Kind]) -> tuple[FilterInp
             if not parts:
                 limits = state_detectable(record, found.best.seen, kinds)
             faults = faults_in(record, found)
-            found = replace(found, best=replace(found.best, seen=found.best.seen.bare()))
+            if found.complete:  # otherwise the search may return to it
+                found = replace(found, best=replace(found.best, seen=found.best.seen.bare()))
             parts.append(Part(record.time, record.interval, found, faults))
             spill.release()
         same = alike(of_imu(faults_of(before)), of_imu(faults_of(parts)))
