@@ -97,7 +97,7 @@ def propose(
 
     `near`: epochs at which episodes begin or end, instead of the maxima of each kind. `false` (k, 2): begin and end of
     long series of false fixes, additional episodes. `believed`: these fixes have weight one. Their errors then spread
-    in the smoothed states, so they are the only intervals of noise.
+    in the smoothed states, so they are the only intervals of noise. If a series lasts to the end, the IMU may be wrong.
     """
     found: list[Proposal] = []
     ends = cost_of_end(record.interval)
@@ -106,7 +106,8 @@ def propose(
             continue
         seen = record.project(of, kind)
         if kind.fills:
-            found += _interval(record, seen, kind, false if believed else None)
+            ended = false[false[:, 1] < record.time.size]
+            found += _interval(record, seen, kind, ended if believed and ended.size else None)
             continue
         gain_at, variance_at = score_kind(kind, *seen, record.interval)
         row = int(gain_at.argmax())

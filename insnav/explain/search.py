@@ -302,17 +302,21 @@ def search_part(
         if not same(again.best.steps, known.best.steps):
             return record.until(low), replace(again, complete=False, before=known.before)
         known = again
-    high, ahead = known.limit or count, 1
+    high, ahead, shown = known.limit or count, 1, None
     while high - low > 1:
         epochs = min(low + ahead, (low + high) // 2)
         part = search(record.until(epochs), kinds, known, like, end="once")
         known = replace(known, passes=part.passes)
         if part.best.is_lost:
-            high = epochs
-        elif forms_of(part.best.steps) == forms_of(known.best.steps):
-            low, ahead = epochs, 2 * ahead
+            high, shown = epochs, None
+        elif forms_of(part.best.steps) != forms_of(known.best.steps):
+            high, shown = epochs, part  # fewer epochs are nearer to linear
+        elif shown is not None:
+            break
         else:
-            return record.until(epochs), replace(part, complete=False, before=known)
+            low, ahead = epochs, 2 * ahead
+    if shown is not None:
+        return record.until(high), replace(shown, complete=False, before=known)
     return record.until(high), replace(search(record.until(high), kinds, known, like), complete=high == count)
 
 
