@@ -38,6 +38,7 @@ DIGITS = 6  # decimals of these logarithms: far coarser than the rounding of sum
 LARGEST_STEP = 1.5  # per iteration, in logarithms
 ENOUGH = 0.02  # smaller expected gains of the log-likelihood end the search: 0.2 sd
 NEAR = 3.0  # smaller expected gains end the first steps
+BEYOND = 1.0  # change of one parameter in the search for a higher maximum, in logarithms: a factor of e
 FAR = 5.0  # after a larger gain the derivatives serve another step
 OBSERVABLE = 0.8  # largest ratio of a parameter's interval to the prior interval, if observable
 INTERVAL = np.array([-1.96, 1.96])  # ends of 95 % of a normal distribution, in its sd
@@ -160,6 +161,16 @@ class Posterior:
         fisher += np.diag(self.weight(at + KINK * self._sd[1]) - weight)
         return at, np.linalg.inv(fisher).astype(np.float64), seen
 
+    def find_top(self, at: FloatArray) -> tuple[FloatArray, FloatArray, _Seen]:
+        """Climb, and again from a set beyond a barrier: one parameter changed by `BEYOND`, if that is more likely."""
+        top = self.climb(at)
+        while True:
+            cases = top[0] + BEYOND * np.vstack([np.eye(at.size), -np.eye(at.size)])
+            costs = [found[2] for found in self._side_by_side(cases)]
+            if min(costs) >= top[2][2]:
+                return top
+            top = self.climb(cases[int(np.argmin(costs))])
+
     def _slope(self, at: FloatArray, seen: _Seen, by_e: FloatArray, by_s: FloatArray) -> FloatArray:
         """Compute the slope of the cost from derivatives of the innovations and of the logarithms of their variances.
 
@@ -203,7 +214,7 @@ def maximise(drives: Sequence[InnovationLikelihood]) -> DriveNoise:
     white[-2] = -np.inf
     before = posterior.innovations(white)
     begun = _begun(posterior)
-    top, covariance, (e, s, cost) = posterior.climb(begun)
+    top, covariance, (e, s, cost) = posterior.find_top(begun)
     penalty = 0.0
     if any(p.key == "gps.velocity" for p in posterior.parameters):  # velocities may have a time-correlated error, too
         wider = Posterior([drive.with_correlated_velocities() for drive in drives])

@@ -174,7 +174,7 @@ def test_the_light_is_that_of_what_is_explained(budget: RecordedBudget):
     assert "north are not explained: up to 3.0 times" in sheet.verdict.reason
     explained = next(panel for panel in sheet.panels if panel.key == "explained")
     kinds = {curve.name: curve for curve in explained.curves}
-    assert "the stated errors of IMU and fixes do not make it" in kinds["not explained"].text[0]
+    assert "the stated errors of IMU and fixes do not explain it" in kinds["not explained"].text[0]
     growth = next(panel for panel in sheet.panels if panel.key == "growth")
     assert growth.curves[0].name == f"middle 90 % of {budget.shown.windows.count} windows"
     worst = next(curve for curve in growth.curves if curve.name == "up to the worst-case sum")
