@@ -96,7 +96,8 @@ def test_standard_deviations_of_a_hundredth_are_those_of_the_innovations():
     found = outcome("short", case)
     assert found.kind == "told"
     assert Code.NOISE_SD_IMPLAUSIBLE in found.codes
-    assert found.largest < 3.0
+    assert found.inside == 1.0
+    assert found.largest < 1.4 * outcome("short", Case("N0", "none", lambda data: (data.imu, data.gps))).largest
 
 
 @pytest.mark.parametrize("seconds", [20, 60])
