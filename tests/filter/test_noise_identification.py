@@ -664,3 +664,22 @@ def test_one_false_fix_changes_no_standard_deviation():
     false = parse_fault("gps-spike:1100m@0s").apply(made.imu, made.gps)[1]
     first, second = (insnav.load(made.imu, gps).until("noise").ready.gps.position_sd for gps in (made.gps, false))
     np.testing.assert_allclose(np.median(second, axis=0), np.median(first, axis=0), rtol=0.05)
+
+
+def test_the_search_crosses_a_barrier(monkeypatch):
+    """Two minima of a cost, the lower one a factor of e away: the climb alone ends at the nearer one."""
+    places = np.array([[0.0, 0.0], [1.1, 0.3]])
+
+    def cost(at):
+        far = np.sum((at - places) ** 2, axis=1)
+        return float(min(far[0], 4.0 * far[1] - 5.0))
+
+    def climb(_, at):
+        nearest = places[int(np.argmin([np.sum((at - places[0]) ** 2), 4.0 * np.sum((at - places[1]) ** 2) - 5.0]))]
+        return nearest, np.eye(2), (at, at, cost(nearest))
+
+    monkeypatch.setattr(Posterior, "climb", climb)
+    monkeypatch.setattr(Posterior, "_side_by_side", lambda _, cases: [(at, at, cost(at)) for at in cases])
+    search = Posterior.__new__(Posterior)
+    assert climb(search, np.array([-1.0, 0.0]))[2][2] == 0.0
+    np.testing.assert_array_equal(search.find_top(np.array([-1.0, 0.0]))[0], places[1])
