@@ -154,10 +154,11 @@ def test_p3_a_name_that_no_file_system_takes(tmp_path: Path):
 def test_n30_without_a_compiler_it_is_only_slower(monkeypatch, capsys):
     from insnav.cli import data_options
     from insnav.kernels import errorstate
+    from insnav.messages import phrase
 
     monkeypatch.setattr(errorstate, "propagate", lambda: None)
     data_options.compile_at_first()
-    assert "interpreted" in capsys.readouterr().err
+    assert phrase("terminal.interpreted").split()[0] in capsys.readouterr().err
 
 
 def test_f14_entities_of_a_gpx_file_are_not_expanded(tmp_path: Path):
