@@ -1,8 +1,8 @@
 """Console output: results on standard output, progress and errors on standard error; stop requests.
 
 Ctrl-C, SIGTERM and a CPU limit unwind the program, so that incomplete folders are removed. A handler stops the program
-by raising. An exception raised inside a destructor or a callback of compiled code is lost, so the signal is repeated
-until `arrived` is called.
+by raising, unless compiled code waits for the interrupted function. An exception raised inside a destructor is lost.
+The signal is therefore repeated until `arrived` is called.
 """
 
 from __future__ import annotations
@@ -251,8 +251,10 @@ def _show(stream: TextIO, line: str) -> None:
 # Windows has no limit of the CPU time
 STOPS = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGXCPU") if hasattr(signal, name))
 PATIENCE = 0.2  # before a request is repeated [s]
+# Compiled code calls functions of these modules and does not check for exceptions: raising there crashes the process.
+UNCHECKED = "llvmlite.binding", "numba.core.serialize"
 
-_repeat: threading.Timer | None = None
+_repeat = threading.Timer(PATIENCE, signal.raise_signal)  # not started
 _requested = _heard = False
 
 
@@ -281,14 +283,7 @@ def arrived() -> None:
     """Stop repeating the request, including a repetition in progress: unwinding must not be disturbed."""
     global _heard
     _heard = _requested
-    _cancel()
-
-
-def _cancel() -> None:
-    global _repeat
-    if _repeat is not None:
-        _repeat.cancel()
-        _repeat = None
+    _repeat.cancel()
 
 
 def _stop(number: int, frame: FrameType | None) -> None:
@@ -296,11 +291,14 @@ def _stop(number: int, frame: FrameType | None) -> None:
     if _heard:
         return
     _requested = True
-    _cancel()
+    _repeat.cancel()
     _repeat = threading.Timer(PATIENCE, signal.raise_signal, (number,))
     _repeat.daemon = True
     _repeat.start()
-    raise Stopped(number)
+    while frame is not None and not frame.f_globals["__name__"].startswith(UNCHECKED):
+        frame = frame.f_back
+    if frame is None:
+        raise Stopped(number)
 
 
 def _unless_stopped(lost: sys.UnraisableHookArgs) -> None:

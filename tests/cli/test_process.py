@@ -81,6 +81,27 @@ def test_a_signal_stops_at_once_and_leaves_nothing(
     assert min(taken) < 0.5 * undisturbed
 
 
+@posix
+@pytest.mark.usefixtures("undisturbed", "drive")
+@pytest.mark.parametrize("called", ["_numba_unpickle", "_raw_object_cache_getbuffer", "detach"])
+def test_a_signal_waits_while_compiled_code_calls_python(called: str):
+    """It ignores an exception of the called function, then uses a missing result or frees memory twice."""
+    code = f"""
+import os, signal, sys
+def interrupt(frame, event, _):
+    if event == "call" and frame.f_code.co_name == {called!r}:
+        sys.setprofile(None)
+        os.kill(os.getpid(), signal.SIGTERM)
+sys.setprofile(interrupt)
+from insnav.cli import main
+main()
+"""
+    command = [sys.executable, "-c", code, *COMMAND[3:], *QUICK]
+    done = subprocess.run(command, env=_environment(), capture_output=True, text=True)
+    assert done.returncode == 143, done.stderr
+    assert done.stderr.endswith(" cli.terminated\n")
+
+
 @pytest.mark.parametrize("asked", [None, "2"])
 def test_linear_algebra_has_one_thread_unless_others_are_asked_for(asked: str | None):
     """Threads of small matrices wait for each other, which costs CPU time and no one sees why."""
