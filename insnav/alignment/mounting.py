@@ -242,7 +242,7 @@ def _refined(windows: _Windows, gyros: FloatArray, start: FloatArray, sd: FloatA
         yaw /= NUDGE.sum(axis=0)
         change = covariance @ ((start - at) / sd**2 - slope.T @ left / noise)
         other, other_left = fitted(at + change)
-        if other.misfit >= found.misfit:
+        if not other.misfit < found.misfit:  # or it is not a number
             break
         settled = other.misfit > CLOSER * found.misfit
         at, found, left = at + change, other, other_left

@@ -161,14 +161,13 @@ class Estimate:
         self._engine = Engine(start.covariance)
         self._note, self._lever_given, self._gps_noise = note, receiver.lever_arm.value, receiver.correlated
         self._settled, self.doubt = receiver.delay.settled, np.array([receiver.delay.least_sd, receiver.delay.shown])
-        fading = [block.time.size > 0 for block in self.at.blocks]
-        self._fading = np.array(
-            [[first + i, place + i] for first, place, size in self.places[fading] for i in range(size)], dtype=np.int64
-        ).reshape(-1, 2)
-        self._fading_sd, self._fading_time = (
-            np.concatenate([getattr(block, name) for block in self.at.blocks if block.time.size > 0] or [np.empty(0)])
-            for name in ("sd", "time")
-        )
+        fading = [
+            (first + i, place + i, block.sd[i], time)
+            for block, (first, place, _) in zip(self.at.blocks, self.places, strict=True)
+            for i, time in enumerate(block.time)
+        ]
+        places, values = np.split(np.array(fading, dtype=np.float64).reshape(-1, 4), 2, axis=1)
+        self._fading, (self._fading_sd, self._fading_time) = places.astype(np.int64), values.T.copy()
         self._carried = errorstate.Carried(self.x, self.correction, self.motion, np.zeros(errorstate.SUMS), self.span)
         self._phi, self._q, self._unity = np.eye(n), np.zeros((n, n)), np.eye(n)
         self._work = errorstate.scratch()

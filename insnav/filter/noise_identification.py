@@ -167,9 +167,10 @@ class Posterior:
         while True:
             cases = top[0] + BEYOND * np.vstack([np.eye(at.size), -np.eye(at.size)])
             costs = [found[2] for found in self._side_by_side(cases)]
-            if min(costs) >= top[2][2]:
+            best = int(np.argmin(costs))
+            if not costs[best] < top[2][2]:  # or a cost is not a number
                 return top
-            top = self.climb(cases[int(np.argmin(costs))])
+            top = self.climb(cases[best])
 
     def _slope(self, at: FloatArray, seen: _Seen, by_e: FloatArray, by_s: FloatArray) -> FloatArray:
         """Compute the slope of the cost from derivatives of the innovations and of the logarithms of their variances.

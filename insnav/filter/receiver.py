@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -57,3 +57,7 @@ class Receiver:
     jitter: float = 0.0
     correlated: CorrelatedNoise | None = None  # time-correlated part of the position error; three more states
     heading_sd: float = 0.0  # of the heading with the fixes, for example of two antennas [rad]; zero: unused
+
+    def forget_lever_arm(self) -> Receiver:
+        """Return a receiver whose lever arm the drive determines."""
+        return replace(self, lever_arm=LeverArm(sd=LEVER_SD, source="prior"))

@@ -19,7 +19,7 @@ from insnav.filter.delay_and_lever import (
     pretended,
     with_right_heading,
 )
-from insnav.filter.receiver import DELAY_SD, LEVER_SD, Delay, LeverArm
+from insnav.filter.receiver import DELAY_SD, Delay
 from insnav.findings import Code, Finding
 from insnav.input.readers.kinds import files_with
 from insnav.steps import Estimate, Model, Recording
@@ -49,7 +49,7 @@ def align(recording: Recording, model: Model) -> tuple[Recording, Model, tuple[F
         if arm.source == "given" and not arm.sd:  # gyros that are noisier than assumed make an arm shorter
             run, off, limit = lever_off(aligned.ready, arm.value)
             if (off > limit).any() and pretended(aligned.ready, run) <= PRETENDED:
-                free = replace(model, receiver=replace(model.receiver, lever_arm=LeverArm(sd=LEVER_SD, source="prior")))
+                free = replace(model, receiver=model.receiver.forget_lever_arm())
                 aligned = _on_time(recording, free, given)
         if given is not None:
             with suppress(AlignmentError):  # the drive does not determine the heading

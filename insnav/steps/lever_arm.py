@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 
 from insnav.filter.delay_and_lever import PRETENDED, lever_off, looked, pretended
-from insnav.filter.receiver import LEVER_SD, LeverArm
 from insnav.findings import Code, Finding, added
 from insnav.steps import PREPARE, Model, Recording, run_steps
 from insnav.steps.given import as_given
@@ -26,9 +25,8 @@ def lever_arm(recording: Recording, model: Model) -> tuple[Recording, Model, tup
         _, off, limit = lever_off(model.ready, arm.value)
         if (off > limit).any():
             return recording, model, ()
-        kept_arm = replace(receiver, lever_arm=replace(arm, source="data"))
-        model = run_steps(PREPARE, recording, replace(model, receiver=kept_arm, ready=None))[1]
-        model = replace(model, receiver=receiver)
+        given_arm = replace(model, receiver=replace(receiver, lever_arm=replace(arm, source="data")), ready=None)
+        model = replace(run_steps(PREPARE, recording, given_arm)[1], receiver=receiver)
     given = model.ready
     assert given is not None
     run, off, limit = lever_off(given, arm.value)
@@ -36,8 +34,8 @@ def lever_arm(recording: Recording, model: Model) -> tuple[Recording, Model, tup
         checked = Finding.of(Code.ESTIMATE_LEVER_ARM_CHECKED, detectable_m=tuple(limit + MARGIN * run.lever_sd))
         return recording, model, (checked,)
     if not tested:
-        unknown = replace(receiver, lever_arm=LeverArm(sd=LEVER_SD, source="prior"))
-        other = run_steps(PREPARE, recording, replace(model, receiver=unknown, ready=None))[1]
+        unknown = replace(model, receiver=receiver.forget_lever_arm(), ready=None)
+        other = run_steps(PREPARE, recording, unknown)[1]
     assert other.ready is not None
     if pretended(given, run) > PRETENDED:
         run = looked(other.ready)  # noise identified with a wrong arm includes its error

@@ -683,3 +683,5 @@ def test_the_search_crosses_a_barrier(monkeypatch):
     search = Posterior.__new__(Posterior)
     assert climb(search, np.array([-1.0, 0.0]))[2][2] == 0.0
     np.testing.assert_array_equal(search.find_top(np.array([-1.0, 0.0]))[0], places[1])
+    monkeypatch.setattr(Posterior, "_side_by_side", lambda _, cases: [(at, at, np.nan) for at in cases])
+    np.testing.assert_array_equal(search.find_top(np.array([-1.0, 0.0]))[0], places[0])  # where costs are no numbers
