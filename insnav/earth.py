@@ -83,7 +83,7 @@ def transport_rate_n(lat: ArrayLike, height: ArrayLike, v_n: ArrayLike) -> Float
 
 def near_pole(lat: ArrayLike) -> BoolArray:
     """Return whether latitudes (...) [rad] are within a kilometre of a pole, where heading is undefined."""
-    return np.asarray(A / np.sqrt(1.0 - E2) * np.cos(np.asarray(lat, dtype=float)) < POLE_DISTANCE)
+    return np.asarray(np.cos(lat) < POLE_DISTANCE * (1.0 - E2) ** 0.5 / A)
 
 
 def ned_offset(lla: ArrayLike, origin: ArrayLike) -> FloatArray:

@@ -274,11 +274,12 @@ def state_detectable(record: LinearRecord, of: Pass, kinds: Sequence[Kind]) -> F
     values: dict[str, Any] = {}
     length = max(int(MINUTE / record.interval), 2)
     rows = np.linspace(1, max(record.time.size - length - 1, 1), PLACES).astype(int)
-    for name, key in (("offset", "jump_m"), ("followed_drag", "drift_m_s"), ("drag", "minute_m_s")):
+    followed = "followed_drag" if "velocity offset" in record.states else "drag"
+    for name, key in (("offset", "jump_m"), (followed, "drift_m_s"), ("drag", "minute_m_s")):
         kind = next(each for each in kinds if each.name == name)
-        columns, ends = record.columns(kind), cost_of_end(record.interval) * (name == "drag")
+        columns, ends = record.columns(kind), cost_of_end(record.interval) * (key == "minute_m_s")
         known = columns.T @ of.scores[1][rows] @ columns
-        if name == "drag":
+        if key == "minute_m_s":
             later = np.minimum(rows + length, record.time.size - 1)
             cross = np.array([record.cross(of, columns, a, length)[b] for a, b in zip(rows, later, strict=True)])
             known = known + columns.T @ of.scores[1][later] @ columns - cross - np.swapaxes(cross, 1, 2)

@@ -227,7 +227,8 @@ class LinearRecord:
         q = (vectors * np.maximum(values, 0.0)[:, None]) @ np.swapaxes(vectors, 1, 2)
         q[0] = 0.0
         states = NAMES | {"correlated": at.correlated, "offset": n, "drift": n + 3, "velocity offset": n + 6}
-        states = {name: first for name, first in states.items() if name != "delay" or at.delay >= 0}
+        unseen = {"delay": at.delay < 0, "velocity offset": not used[:, 3:].any()}  # no effect, no search
+        states = {name: first for name, first in states.items() if not unseen.get(name)}
         of_faults = np.zeros((m, 6, FAULTS))
         of_faults[:, range(3), range(3)] = of_faults[:, range(3, 6), range(6, 9)] = -1.0
         h = np.concatenate([h, np.where(used[:, :, None], of_faults, 0.0)], axis=2)

@@ -7,7 +7,6 @@ checks all its input and output.
 from __future__ import annotations
 
 from collections.abc import Callable
-from copy import deepcopy
 from dataclasses import dataclass
 from importlib import import_module
 from typing import Any
@@ -229,7 +228,7 @@ class Estimate:
             swing(phi, self._swung.copy())
         p = phi @ self.covariance @ phi.T
         state = self.x, self.correction, self.lever, self.all[measurements.FURTHER :], self.motion, p
-        return FilterState(time, *deepcopy(state))
+        return FilterState(time, *(each.copy() for each in state))
 
     def propagate(
         self, samples: errorstate.Samples, first: int, last: int, close: bool, out: errorstate.Outputs
@@ -243,8 +242,7 @@ class Estimate:
     @property
     def least_delay_sd(self) -> float:
         """Least plausible standard deviation of the delay [s]: search and filter may disagree."""
-        found: float = epoch.least_delay_sd(self.all, self.doubt)
-        return found
+        return float(epoch.least_delay_sd(self.all, self.doubt))
 
     def stated(self) -> FloatArray:
         """Covariance with a plausible standard deviation of the delay; gains use the filter's own covariance."""
