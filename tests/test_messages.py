@@ -271,13 +271,13 @@ RENDERED = {"sentence", "render", "render_error", "translated", "phrase"}
 
 def decisions(tree: ast.AST) -> Iterator[int]:
     """Lines on which a text that was rendered from a finding is taken apart or compared."""
-    for scope in (node for node in ast.walk(tree) if isinstance(node, ast.FunctionDef | ast.Module)):
+    functions = [node for node in ast.walk(tree) if isinstance(node, ast.FunctionDef)]
+    for scope in functions or [tree]:  # names of one function are no names of another
         names = {
             target.id
             for node in ast.walk(scope)
-            if isinstance(node, ast.Assign) and is_rendered(node.value, set())
-            for target in node.targets
-            if isinstance(target, ast.Name)
+            for target, value in bindings(node)
+            if isinstance(target, ast.Name) and is_rendered(value, set())
         }
         for node in ast.walk(scope):
             if isinstance(node, ast.Compare):
@@ -290,6 +290,16 @@ def decisions(tree: ast.AST) -> Iterator[int]:
                     yield node.lineno
 
 
+def bindings(node: ast.AST) -> Iterator[tuple[ast.expr, ast.expr]]:
+    """Names that get a value or one of several values, and these."""
+    if isinstance(node, ast.Assign):
+        yield from ((target, node.value) for target in node.targets)
+    elif isinstance(node, ast.AnnAssign) and node.value is not None:
+        yield node.target, node.value
+    elif isinstance(node, ast.For | ast.comprehension):
+        yield node.target, node.iter
+
+
 def is_rendered(node: ast.AST, names: set[str]) -> bool:
     """Whether an expression is the text of a finding, or a part of it."""
     if isinstance(node, ast.Name):
@@ -299,9 +309,11 @@ def is_rendered(node: ast.AST, names: set[str]) -> bool:
     if isinstance(node, ast.Call):
         if getattr(node.func, "id", getattr(node.func, "attr", "")) in RENDERED:
             return True
-        return (
-            isinstance(node.func, ast.Name) and node.func.id == "str" and any(is_rendered(a, names) for a in node.args)
-        )
+        if getattr(node.func, "id", "") == "map":
+            return getattr(node.args[0], "id", "") in RENDERED
+        return getattr(node.func, "id", "") == "str" and any(is_rendered(each, names) for each in node.args)
+    if isinstance(node, ast.GeneratorExp | ast.ListComp):
+        return is_rendered(node.elt, names)
     return False
 
 
@@ -322,5 +334,8 @@ def test_such_a_decision_would_be_noticed():
         "re.search('gyro', render(x).text)",
         "if 'gyro' in messages.translated(x): pass",
         "message = render(x)\nmessage.done.removeprefix('y')",
+        "for text in map(sentence, x):\n    if text.startswith('gyro'): pass",
+        "[text for text in (sentence(x) for x in y) if 'gyro' in text]",
+        "text: str = sentence(x)\nif text == 'gyro': pass",
     ):
         assert list(decisions(ast.parse(line))), line

@@ -315,5 +315,5 @@ def tune(data: Data, drives: list[Path], out: Path = Path("tune"), force: bool =
         inputs: Any = {"imu" if key == "imu_model" else key: value for key, value in data.inputs.items()}
         outcome = tuned(*drives, gps=data.gps, **inputs)
         note(f"prior: {outcome.found.prior.name}: {sentence(outcome.found.prior_chosen)}")
-        outcome, where = data.save(outcome, folder, stage, figures="png")
+        outcome, where = data.save(outcome, folder, stage)
     result_page(where, outcome.page(), out, as_json=as_json, more=("imu.toml",))

@@ -13,7 +13,7 @@ from insnav.earth import earth_rate_n, lla_offset
 from insnav.exceptions import InputError
 from insnav.filter.error_model import Layout, layout
 from insnav.filter.estimate import Estimate
-from insnav.filter.filter_input import FilterInput
+from insnav.filter.filter_input import FilterInput, Output
 from insnav.filter.measurements.measurement import Measurement
 from insnav.filter.smoother import SmoothedErrors
 from insnav.findings import Code, Finding, by_time
@@ -215,7 +215,7 @@ class Record:
         poses = None
         if self._rate_sd is not None:
             best, known = (filtered, states) if smoothed is None else (smoothed.solution, smoothed.epochs)
-            poses = poses_of(best, rates, known, output.epochs, output.point_b, self._rate_sd)
+            poses = poses_of(best, rates, known, output, self._rate_sd)
             grid = on_grid(filtered.time, output.interval)
             filtered = filtered.rows(grid)
             smoothed = smoothed and replace(smoothed, solution=smoothed.solution.rows(grid))
@@ -381,18 +381,11 @@ def move_to_point(
     return replace(track, lla=lla_offset(track.lla, lever_n), v_n=track.v_n + slip_n, sd=sd)
 
 
-def poses_of(
-    track: Trajectory,
-    w_ib_b: FloatArray,
-    known: Epochs,
-    epochs: FloatArray,
-    point_b: FloatArray | None,
-    rate_sd: FloatArray,
-) -> Trajectory:
-    """Take the rows of a solution at `epochs` (all without them), and move them to a point; see `move_to_point`."""
-    rows: IntArray | slice = rows_of(track.time, epochs) if epochs.size else slice(None)
+def poses_of(track: Trajectory, w_ib_b: FloatArray, known: Epochs, wanted: Output, rate_sd: FloatArray) -> Trajectory:
+    """Take the rows of a solution at the wanted epochs, by default all, and move them; see `move_to_point`."""
+    rows: IntArray | slice = rows_of(track.time, wanted.epochs) if wanted.epochs.size else slice(None)
     poses = track.rows(rows)
-    if point_b is None:
+    if wanted.point_b is None:
         return poses
     earth = np.einsum("nij,ni->nj", dcm_from_rph(poses.rph), earth_rate_n(poses.lla[:, 0]))
-    return move_to_point(poses, w_ib_b[rows] - earth, point_b, covariance_at(poses.time, known), rate_sd)
+    return move_to_point(poses, w_ib_b[rows] - earth, wanted.point_b, covariance_at(poses.time, known), rate_sd)

@@ -59,10 +59,11 @@ _TIMES = ("start", "end")
 def explanation_section(found: Explanation) -> Section:
     """Build the table, best first; folded if no fault was accepted."""
     items = of_table("explanation.search", found, considered=len(found.tried))
-    rows = tuple(_row(row) for row in found.tried[:MOST])
-    table = Section("rows", "Considered faults", rows=rows, note=phrase("explanation.note"), show="page")
+    data = Section("rows", rows=tuple(of_table("explanation.row", row) for row in found.tried[:MOST]), show="json")
+    rows = tuple(map(_shown, found.tried, data.rows))
+    table = Section("", "Considered faults", rows=rows, note=phrase("explanation.note"), show="page")
     folded = not any(row.accepted for row in found.tried)
-    return Section("explanation", "Explanation", items, parts=(table,), show="page", folded=folded)
+    return Section("explanation", "Explanation", items, parts=(data, table), show="page", folded=folded)
 
 
 def explanation_line(found: Explanation) -> str:
@@ -71,16 +72,13 @@ def explanation_line(found: Explanation) -> str:
     return phrase("explanation.some" if values["accepted"] else "explanation.none", **values)
 
 
-def _row(row: Tried) -> tuple[Quantity, ...]:
-    return of_table("explanation.row", row, fault=phrase(f"fault.{row.name}"), changed=_changed(row))
-
-
-def _changed(row: Tried) -> tuple[str, ...]:
-    """Describe the effect of a fault."""
-    fixes = {"left_out": row.left_out, "moved": row.moved}
-    words = tuple(phrase(f"explanation.{how}", count=count) for how, count in fixes.items() if count)
+def _shown(row: Tried, items: tuple[Quantity, ...]) -> tuple[Quantity, ...]:
+    """Name the fault and describe its effect in words."""
+    fault, *size, left_out, moved = items
+    words = [phrase(f"explanation.{each.key}", count=each.value) for each in (left_out, moved) if each.value]
     how = row.name if row.name in ("rough", "delay") else "corrected"
-    return words if words or not row.accepted else (phrase(f"explanation.{how}"),)
+    changed = words or [phrase(f"explanation.{how}")] * row.accepted
+    return replace(fault, value=phrase(f"fault.{row.name}")), *size, Quantity("changed", changed)
 
 
 def page_facts(page: Page) -> dict[str, Any]:

@@ -9,6 +9,7 @@ import math
 
 BLUE, ORANGE, GREEN, VERMILLION = "#0072B2", "#E69F00", "#009E73", "#D55E00"
 SKY, PURPLE, BLACK, GREY = "#56B4E9", "#CC79A7", "#000000", "#8A8A8A"
+GRADES = {"consumer": VERMILLION, "automotive": ORANGE, "industrial": BLUE, "tactical": GREEN, "navigation": PURPLE}
 AXIS_COLOURS = (BLUE, VERMILLION, GREEN)  # x, y, z
 NED = ("north", "east", "down")
 _UNKNOWN = "–"

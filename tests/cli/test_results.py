@@ -27,24 +27,24 @@ def run() -> Result[Any]:
     return insnav.load("imu.csv", gps="gps.csv", imu="automotive", lever_arm=LEVER).navigate()
 
 
-# kind -> how Python and the command line make it, its figure if it has one, a column of its table
+# kind -> how Python and the command line make it, its figure, a column of its table
 RESULTS: dict[str, tuple[Callable[[], Result[Any]], tuple[str, ...], str, str]] = {
     "tune": (
         lambda: insnav.tune("imu.csv", gps="gps.csv", lever_arm=LEVER),
         ("tune", "imu.csv", "--gps", "gps.csv", *GIVEN),
-        "",
+        "noise",
         "prior",
     ),
     "alignment": (
         lambda: insnav.align("imu.csv", imu="navigation", lat=np.radians(48.0)),
         ("align", "imu.csv", "--imu", "navigation", "--lat", "48"),
-        "",
+        "attitude",
         "heading_deg",
     ),
     "check": (
         lambda: insnav.check("imu.csv", "gps.csv", ref="ref.csv"),
         ("check", "imu.csv", "gps.csv", "--ref", "ref.csv"),
-        "",
+        "timeline",
         "what",
     ),
     "comparison": (
@@ -67,11 +67,10 @@ def check_result(result: Result[Any], folder: Path, figure: str, column: str) ->
     for each in (result, again):
         assert len(each.to_frame()[column]) > 0
         assert each.page().title in each._repr_html_()
-        if figure:
-            assert isinstance(each.plot(figure), Figure)
-        else:
-            with pytest.raises(ConfigError, match=r"report.no_figure"):
-                each.plot("nothing")
+        assert isinstance(each.plot(), Figure)
+        assert isinstance(each.plot(figure), Figure)
+        with pytest.raises(ConfigError, match=r"report.no_figure"):
+            each.plot("nothing")
     return again
 
 
@@ -92,5 +91,5 @@ def test_python_and_the_command_line_write_the_same(kind: str, drive: Path, tmp_
 
 @pytest.mark.parametrize(("name", "title"), [(None, "real IMUs"), ("stim 300", "STIM300")])
 def test_real_imus(name: str | None, title: str, tmp_path: Path) -> None:
-    again = check_result(insnav.imus(name), tmp_path / "out", "", "gyro_random_walk_deg_sqrt_h")
+    again = check_result(insnav.imus(name), tmp_path / "out", "noise", "gyro_random_walk_deg_sqrt_h")
     assert title in again.page().title

@@ -25,7 +25,6 @@ from insnav.simulate.recording import gps_jump
 from insnav.types import GpsData
 from insnav.units import DEG, UNITS
 from tests.explain.test_faults import recording
-from tests.reversed_messages import as_shown
 
 SEED, METRES, LASTS = 3, 60.0, 20.0
 DOCUMENT = Path(__file__).parents[2] / "docs" / "howto" / "faults.md"
@@ -101,7 +100,7 @@ def test_what_is_saved_is_opened_again(tmp_path: Path):
         np.testing.assert_array_equal(ours.size, theirs.size)
     facts = read_facts(tmp_path / "run")["explanation"]
     best = facts["rows"][0]
-    assert (best["accepted"], best["changed"]) == (True, ["20 fixes" + as_shown(" left out")])
+    assert (best["fault"], best["accepted"], best["left_out"], best["moved"]) == ("offset", True, 20, 0)
     assert best["size_m"] == saved.explanation.tried[0].size
     assert facts["considered"] == len(saved.explanation.tried)
     opened = open_result(tmp_path / "run")

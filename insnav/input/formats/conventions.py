@@ -89,17 +89,16 @@ def fix_table(
     types: Mapping[int, float],
     notes: Iterable[Finding | None],
     *,
-    good: NDArray[np.bool_] | None = None,
     row: str,
     cut: Finding | None = None,
     week: float | None = None,
 ) -> Table:
     """Build a table of fixes without invalid rows.
 
-    `kind` (n,): in the format's own codes. `types`: fix types of valid kinds. `good` (n,): valid rows.
+    `kind` (n,): in the format's own codes, NaN of invalid rows. `types`: fix types of valid kinds.
     """
     fix = np.array([types.get(int(each), 0.0) if each == each else 0.0 for each in kind], dtype=np.float64)
-    kept = (fix > 0.0) if good is None else (fix > 0.0) & good
+    kept = fix > 0.0
     found = {key: np.asarray(column[kept], dtype=np.float64) for key, column in {**columns, "fix": fix}.items()}
     return column_table(source, found, [*notes, without_fix(kept)], row=row, cut=cut, week=week)
 

@@ -231,7 +231,8 @@ def _fixes(source: Source, position: Any, velocity: Any, notes: list[Finding]) -
             notes = [*notes, Finding.of(Code.READ_VELOCITY_LATENCY, latency_s=latency)]
     if np.isin(rows["kind"], [kind for word, kind in _KIND_WORDS.items() if "INS" in word]).any():
         notes = [*notes, Finding.of(Code.READ_FUSED)]
-    return fix_table(source, columns, rows["kind"], _KINDS, notes, good=rows["status"] == 0, row="position")
+    kind = np.where(rows["status"] == 0, rows["kind"], np.nan)
+    return fix_table(source, columns, kind, _KINDS, notes, row="position")
 
 
 def _reference(source: Source, log: Any, notes: list[Finding]) -> Table:

@@ -165,5 +165,5 @@ def _fixes(source: Source, data: Mapping[str, FloatArray], notes: list[Finding])
         columns.pop("height_msl_m", None)
     columns |= {f"v{axis}_m_s": data[f"vel_{axis}_m_s"] for axis in "ned"}
     columns |= by_accuracy(data["eph"], data["epv"], data["s_variance_m_s"])
-    good = data["vel_ned_valid"] > 0.0 if "vel_ned_valid" in data else None
-    return fix_table(source, columns, data["fix_type"], FIX_TYPES, notes, good=good, row="messages")
+    kind = np.where(data.get("vel_ned_valid", 1.0) > 0.0, data["fix_type"], np.nan)
+    return fix_table(source, columns, kind, FIX_TYPES, notes, row="messages")

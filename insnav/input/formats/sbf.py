@@ -109,7 +109,8 @@ def _table(source: Source, rows: _Rows, columns: dict[str, FloatArray], good: An
         WEEK_DAYS * rows["week"].astype(np.float64), 1e-3 * rows["tow"].astype(np.float64), week=week
     )
     found = {"time_s": time, **columns}
-    return fix_table(source, found, rows["mode"] & 15, _MODES, [note, *notes], good=good, row=row, week=week)
+    kind = np.where(good, rows["mode"] & 15, np.nan)
+    return fix_table(source, found, kind, _MODES, [note, *notes], row=row, week=week)
 
 
 def _matrices(rows: _Rows, axes: str) -> FloatArray:

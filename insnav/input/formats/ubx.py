@@ -154,11 +154,9 @@ def _fixes(source: Source, found: Mapping[str, _Found], base: str, notes: list[F
     kind, flags = _quality(rows, key, found)
     usable = (flags & 1 == 1) & ~np.isin(kind, _NO_FIX)
     carrier = (flags.astype(np.int64) >> 6) & 3 if base in ("PVT", "PVAT") else np.zeros(len(key), dtype=np.int64)
-    kinds = np.select([carrier == 2, carrier == 1, flags & 2 == 2], [1, 2, 4], 5)
-    types = {each: float(each) for each in (1, 2, 4, 5)}
-    table = conventions.fix_table(
-        source, columns, kinds, types, [note, *notes, fused], good=usable, row=f"NAV-{base}", week=first
-    )
+    kinds = np.select([~usable, carrier == 2, carrier == 1, flags & 2 == 2], [0, 1, 2, 4], 5)
+    types, row = {each: float(each) for each in (1, 2, 4, 5)}, f"NAV-{base}"
+    table = conventions.fix_table(source, columns, kinds, types, [note, *notes, fused], row=row, week=first)
     return table, _Clock(time, main.at, first)
 
 

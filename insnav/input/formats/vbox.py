@@ -69,16 +69,14 @@ def read(source: Source) -> Mapping[str, Table]:
         speed, climb = (ALL_UNITS[unit or "km/h"][1] for unit in units)
         up = own.get("vertvel", own.get("verticalvelocity", unknown))
         columns |= conventions.of_course(own["velocity"] * speed, own["heading"], -climb * up)
-    kind, good = (sats >= _DGPS).astype(np.int64), np.isfinite(sats) & (sats % _BRAKE > 0.0)
-    fixes = conventions.fix_table(
-        source, columns, kind, _TYPES, [time.note], good=good, row="row", cut=numbers.cut, week=time.week
-    )
+    kind = np.where(sats % _BRAKE > 0.0, sats >= _DGPS, np.nan)
+    given = () if time.note is None else (time.note,)
+    fixes = conventions.fix_table(source, columns, kind, _TYPES, given, row="row", cut=numbers.cut, week=time.week)
     tables = {"gps": fixes}
     channels = sections.get(b"channel units", b"").strip(b"\r\n").decode("latin-1").split("\n")
     units_of = [*[""] * (len(names) - len(channels)), *map(str.strip, channels)][-len(names) :]
     headers = ("time_s", *(f"{name} [{unit}]" if unit else name for name, unit in zip(names, units_of, strict=True)))
     if is_header(",".join(headers), IMU_SCHEMA):
         values = ArrayCells((time.time, *numbers.columns.values()), cells.line, numbers.cut)
-        given = () if time.note is None else (time.note,)
         tables["imu"] = Table(source.name, source.sha256, headers, values, notes=given, week=time.week)
     return tables

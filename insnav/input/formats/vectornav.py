@@ -110,7 +110,6 @@ def _fixes(source: Source, place: dict[str, FloatArray], text: TextColumns, cloc
         columns |= deviations(np.column_stack([others["sd_v"]] * 3), "sd_v{}_m_s")
     kind = others.get("kind", np.full(len(clock.time), 3.0))
     fresh = np.concatenate(([True], np.diff(clock.time) != 0.0))[: len(kind)]  # rows between fixes repeat the last fix
-    good = np.isfinite(clock.time[fresh])
+    kind = np.where(np.isfinite(clock.time), kind, np.nan)[fresh]
     columns = {key: column[fresh] for key, column in columns.items()}
-    notes = [clock.note]
-    return fix_table(source, columns, kind[fresh], _FIXES, notes, good=good, row="rows", cut=text.cut, week=clock.week)
+    return fix_table(source, columns, kind, _FIXES, [clock.note], row="rows", cut=text.cut, week=clock.week)

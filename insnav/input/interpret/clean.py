@@ -11,6 +11,7 @@ import numpy as np
 from insnav import spill
 from insnav.exceptions import InputError
 from insnav.findings import Code, Finding, by_time
+from insnav.input.formats.table import Table
 from insnav.tabular import runs_of
 from insnav.types import BoolArray, FloatArray, IntArray
 
@@ -62,24 +63,15 @@ class Cleaned:
     notes: tuple[Finding, ...]  # findings about the file as a whole
 
 
-def clean(
-    columns: Mapping[str, FloatArray],
-    bad: BoolArray,
-    kinds: Kinds,
-    *,
-    place: Callable[[int], str],
-    name: str,
-    lacking: Code,
-) -> Cleaned:
+def clean(columns: Mapping[str, FloatArray], bad: BoolArray, kinds: Kinds, table: Table, lacking: Code) -> Cleaned:
     """Sort rows, and drop bad ones ``(n,)`` and unusable ones.
 
-    `columns` (n,): with ``time`` [s], as read. `bad` (n,): rows to drop. `lacking`: finding code for these. `place`:
-    maps a row number to ``file:line``.
+    `columns` (n,): with ``time`` [s], as read. `bad` (n,): rows to drop. `lacking`: finding code for these.
     Raises: InputError: too few rows, too many out of order, or a clock that was set back.
     """
     n = len(columns["time"])
     if n < kinds.min_rows:
-        raise _too_few(n, n, kinds, name)
+        raise _too_few(n, n, kinds, table.name)
     events: list[Finding] = []
     notes: list[Finding] = []
     kept = dict(columns)
@@ -91,16 +83,16 @@ def clean(
         good = ~bad
         kept = {key: spill.chosen(column, good) for key, column in kept.items()}
         if len(kept["time"]) < kinds.min_rows:
-            raise _too_few(len(kept["time"]), n, kinds, name, lacking.value)
+            raise _too_few(len(kept["time"]), n, kinds, table.name, lacking.value)
     dt = spill.steps(kept["time"])
     if dt.min() <= _MIN_INTERVAL:
         rows = np.flatnonzero(~bad)
         kept["time"], unwrapped = _unwrapped(kept["time"])
         notes += unwrapped
-        kept, more = _ordered(kept, rows, kinds, place)
+        kept, more = _ordered(kept, rows, kinds, table.place)
         events += more
         if len(kept["time"]) < kinds.min_rows:
-            raise _too_few(len(kept["time"]), n, kinds, name)
+            raise _too_few(len(kept["time"]), n, kinds, table.name)
         dt = spill.steps(kept["time"])
     if kinds.held and (again := _repeats(kept, kinds.held)).any():
         at = kept["time"][int(np.argmax(again))]

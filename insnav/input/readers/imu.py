@@ -133,9 +133,7 @@ def read_imu(
     if counts:
         gyro_unit, accel_unit, units_evidence = "rad/s", "m/s^2", (Finding.of(Code.READ_IMU_RAW_COUNTS),)
     elif len(there) < 6:
-        gyro_unit, accel_unit, units_evidence = _units_of_some(
-            gyro, accel, stated, interval=cleaned.interval, increments=increments, where=name
-        )
+        gyro_unit, accel_unit, units_evidence = _units_of_some(gyro, accel, stated, cleaned.interval, increments, name)
     else:
         quiet = physics.quiet_part(gyro, accel, interval=cleaned.interval, scale=scale)
         accel_unit, accel_evidence = physics.find_accel_unit(
@@ -279,13 +277,7 @@ _DIMENSIONS = {"gyro": ("rate", "angle"), "accel": ("acceleration", "velocity"),
 
 
 def _units_of_some(
-    gyro: FloatArray,
-    accel: FloatArray,
-    stated: Mapping[str, str | None],
-    *,
-    interval: float,
-    increments: bool,
-    where: str,
+    gyro: FloatArray, accel: FloatArray, stated: Mapping[str, str | None], interval: float, increments: bool, where: str
 ) -> tuple[str, str, tuple[Finding, ...]]:
     """Find units of gyros and accelerometers ``(n, 3)`` with NaN columns, with findings."""
     usual, other = ("rad", "deg") if increments else ("rad/s", "deg/s")

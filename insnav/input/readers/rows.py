@@ -46,7 +46,7 @@ class Rows:
         """Sort rows and drop bad ones ``(n,)``: by default rows with a value that is not finite."""
         if bad is None:
             bad = np.asarray(~np.isfinite(np.column_stack(list(self.columns.values()))).all(axis=1), dtype=np.bool_)
-        return clean(self.columns, bad, self.kinds, place=self.table.place, name=self.table.name, lacking=lacking)
+        return clean(self.columns, bad, self.kinds, self.table, lacking)
 
     def reading(
         self,
@@ -55,8 +55,6 @@ class Rows:
         cleaned: Cleaned,
         columns: Mapping[str, str],
         evidence: Iterable[Finding],
-        *,
-        gaps: bool = True,
         **known: Any,
     ) -> Reading[T]:
         """Combine data, events and interpretation; `known`: further fields of `ReadingFacts`."""
@@ -75,8 +73,8 @@ class Rows:
             start_s=float(time[0]),
             end_s=float(time[-1]),
             rate_hz=1.0 / cleaned.interval,
-            n_gaps=cleaned.n_gaps if gaps else 0,
-            longest_gap_s=cleaned.longest_gap if gaps else 0.0,
+            n_gaps=cleaned.n_gaps,
+            longest_gap_s=cleaned.longest_gap,
             columns=columns,
             # the input name for a finding on the whole file
             evidence=tuple(replace(each, subject=each.subject or self.kinds.source) for each in notes if each),

@@ -98,7 +98,6 @@ def read_specific_force(
             for key, column in columns_of.items()
         },
         (unit_evidence, *evidence, *notes),
-        gaps=False,
         axes=axes or "",
     )
 
@@ -189,4 +188,4 @@ def read_heights(path: str | Path | Table) -> Reading[Heights]:
     time, height = cleaned.columns["time"], cleaned.columns["height"]
     longest = Finding.of(Code.READ_HEIGHT_INTERPOLATED, step_s=np.diff(time).max())
     columns = {"time_s": found["time"].describe(rows.time_unit), "height_m": found[key].describe()}
-    return rows.reading("heights", Heights(time, height), cleaned, columns, (longest, *notes), gaps=False)
+    return rows.reading("heights", Heights(time, height), cleaned, columns, (longest, *notes))

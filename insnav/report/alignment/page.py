@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 
@@ -13,9 +14,10 @@ from insnav.findings import Code, Finding
 from insnav.imu.specification import gyro_bias_sd
 from insnav.messages import render
 from insnav.quantity import Quantity
-from insnav.report.page import DataFrame, Light, Page, Section, by_warnings, only_json, rows_frame
+from insnav.report.page import DataFrame, Light, Page, Section, by_warnings, drawn, only_json, rows_frame
+from insnav.report.panels import Curve, row_panel
 from insnav.report.run.quantities import alignment_items
-from insnav.report.style import number
+from insnav.report.style import BLUE, number
 from insnav.report.terminal import entry
 from insnav.result import Result
 from insnav.types import Alignment
@@ -31,9 +33,14 @@ def page(result: Result[FineAlignment]) -> Page:
     if result.imu_model is not None:
         # tilt of the measured Earth rate by the gyro bias, at most a right angle [rad]
         sd = min(float(np.max(gyro_bias_sd(result.imu_model[0].gyro))) / OMEGA_EARTH, 0.5 * np.pi)
-    steps, warnings = {"coarse": found.coarse, "fine": found.fine}, tuple(_warnings(found, sd))
+    steps, warnings = _steps(found), tuple(_warnings(found, sd))
     known = np.isfinite((found.fine or found.coarse).sd[2])
     light: tuple[Light, str] = ("good", "the heading is known") if known else ("attention", "the heading is not known")
+    names = [f"{name} {axis}" for name in steps for axis in ("tilt north", "tilt east", "heading")]
+    sizes = np.concatenate([each.sd for each in steps.values()]) / DEG
+    points = Curve("sd", sizes, np.arange(1.0 * len(names)), BLUE, "points", text=tuple(names))
+    panel = replace(row_panel("attitude", "Standard deviations of the attitude", "sd [deg]", [points], names), log="x")
+    tables = [Section(k, f"{k.capitalize()} alignment", alignment_items(e), show="page") for k, e in steps.items()]
     latitude = (
         Quantity("latitude_given", found.latitude, "deg", decimals=4),
         Quantity("latitude_from_sensors", found.sensor_latitude, "deg", sd=sd),
@@ -42,17 +49,19 @@ def page(result: Result[FineAlignment]) -> Page:
         "Alignment",
         _summary(found, sd),
         (
-            *(
-                only_json("", Quantity(name, None))
-                if each is None
-                else Section(name, f"{name.capitalize()} alignment", alignment_items(each), show="page")
-                for name, each in steps.items()
-            ),
+            *tables,
+            *(() if found.fine else (only_json("", Quantity("fine", None)),)),
             Section("", "Latitude", latitude, show="page"),
+            drawn("attitude", panel.title, (panel,)),
         ),
         warnings,
         verdict=by_warnings(_sentence(found.fine or found.coarse), warnings, light),
     )
+
+
+def _steps(found: FineAlignment) -> dict[str, Alignment]:
+    """Return the coarse alignment, and the fine one if there is one, by name."""
+    return {"coarse": found.coarse} | ({"fine": found.fine} if found.fine else {})
 
 
 def _sentence(found: Alignment) -> str:
@@ -76,14 +85,11 @@ def _summary(found: FineAlignment, sd: float | None) -> tuple[str, ...]:
     if found.coarse.static is not None:
         start, end = (round(time, 1) + 0.0 for time in found.coarse.static)
         lines.append(entry("static", f"{start:.1f} to {end:.1f} s, {end - start:.1f} s long"))
-    for name, each in (("coarse", found.coarse), ("fine", found.fine)):
-        if each is not None:
-            roll, pitch = (number(float(angle) / DEG, 4) for angle in each.rph[:2])
-            tilt = number(float(max(each.sd[:2])) / DEG, 2)
-            lines += [
-                entry(name, f"roll {roll}, pitch {pitch}, each ± {tilt} deg  ({_named(each.level_method)})"),
-                entry("", f"heading {_heading(each)}"),
-            ]
+    for name, each in _steps(found).items():
+        roll, pitch = (number(float(angle) / DEG, 4) for angle in each.rph[:2])
+        tilt = number(float(max(each.sd[:2])) / DEG, 2)
+        lines.append(entry(name, f"roll {roll}, pitch {pitch}, each ± {tilt} deg  ({_named(each.level_method)})"))
+        lines.append(entry("", f"heading {_heading(each)}"))
     text = "not observable: the gyro bias hides the Earth's rotation"
     if sd is not None and sd < _USEFUL:
         text = f"{found.sensor_latitude / DEG:.4f} ± {number(sd / DEG, 2)} deg from the sensors alone"
@@ -107,7 +113,4 @@ def frame(result: Result[FineAlignment]) -> DataFrame:
 
     Returns: one row per step: ``time_s``, ``roll_deg``, ``heading_deg``, ….
     """
-    steps = {"coarse": result.found.coarse, "fine": result.found.fine}
-    return rows_frame(
-        (Quantity("step", name), *alignment_items(each)) for name, each in steps.items() if each is not None
-    )
+    return rows_frame((Quantity("step", name), *alignment_items(each)) for name, each in _steps(result.found).items())

@@ -4,15 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+import numpy as np
+
 from insnav.findings import Code, Finding
-from insnav.imu.library import PROVENANCE, Figure, Part
+from insnav.imu.library import PROVENANCE, Figure, Part, parts
 from insnav.imu.specification import PRESETS, TERMS
 from insnav.messages import sentence
 from insnav.quantity import Quantity
-from insnav.report.page import DataFrame, Page, Section, one_each, only_json, rows_frame
+from insnav.report.page import DataFrame, Page, Section, drawn, one_each, only_json, rows_frame
+from insnav.report.panels import Curve, Panel
+from insnav.report.style import GRADES, GREY
 from insnav.report.tables import of_table
 from insnav.result import Result
-from insnav.units import HOUR, UNITS
+from insnav.units import HOUR, UNITS, shown_unit
 
 _UNITS = {f"{term.sensor}.{term.key}": term.unit for term in TERMS}
 _HEADINGS = {
@@ -49,20 +53,33 @@ def _part_row(part: Part) -> tuple[Quantity, ...]:
     )
 
 
-def _parts_page(parts: Sequence[Part]) -> Page:
+def _parts_page(all_parts: Sequence[Part]) -> Page:
     """List parts with their figures: turn-on bias, in-run bias and noise of both sensors."""
-    classes = {grade: [part.name for part in parts if part.grade == grade] for grade in PRESETS}
+    classes = {grade: [part.name for part in all_parts if part.grade == grade] for grade in PRESETS}
     named = {grade: (Quantity("parts", names),) for grade, names in classes.items() if names}
     by_class = only_json("", parts=(one_each("classes", "", named),))
     return Page(
-        f"{len(parts)} real IMUs",
+        f"{len(all_parts)} real IMUs",
         (
             "Use any of them as the IMU model: --imu STIM300.",
             "insnav imus STIM300 shows every figure of a part and its source.",
         ),
-        (Section("imus", rows=tuple(map(_part_row, parts))), by_class),
+        (Section("imus", rows=tuple(map(_part_row, all_parts))), by_class, _noise_section(all_parts)),
         findings=RULES,
     )
+
+
+def _noise_section(shown: Sequence[Part]) -> Section:
+    """Draw in-run bias over white noise of the gyros by class; the other parts of the library are grey."""
+    names, keys, curves = {part.name for part in shown}, ("gyro.random_walk", "gyro.bias_instability"), []
+    documented = [part for part in parts() if not {*keys} & {*part.missing}]
+    for group, colour in {"others": GREY, **GRADES}.items():
+        own = [part for part in documented if group == (part.grade if part.name in names else "others")]
+        x, y = (np.array([_shown(part, key).facts().popitem()[1] for part in own]) for key in keys)
+        curves.append(Curve(group, x, y, colour, "points", text=tuple(part.name for part in own)))
+    noise, bias = (f"{_HEADINGS[key]} [{shown_unit(_UNITS[key])}]" for key in keys)
+    panel = Panel("noise", "Noise of the gyros", bias, noise, tuple(curves), log="xy", height=330)
+    return drawn("noise", panel.title, (panel,))
 
 
 def _shown(part: Part, key: str) -> Quantity:
@@ -76,23 +93,18 @@ def _part_page(part: Part) -> Page:
     rows = tuple(_row(figure) for figure in part.figures if not figure.key.endswith("correlation_time"))
     missing = ", ".join(part.missing) or "none of the usual figures"
     about = of_table("imus.part", part, temperature=part.temperature or None, missing=missing, note=part.note or None)
-    documents = {each.document: each for each in part.figures}
     sources = {
-        title: (Quantity("provenance", each.provenance), Quantity("where", each.where))
-        for title, each in documents.items()
+        each.document: (Quantity("provenance", each.provenance), Quantity("where", each.where)) for each in part.figures
     }
+    tables = Section("part", items=about), Section("figures", "Figures", rows=rows), one_each("documents", "", sources)
     return Page(
         f"{part.name}, {part.maker}",
         (sentence(Finding.of(Code.IMUS_MISSING, subject=part.name, terms=part.missing)),) if part.missing else (),
-        (Section("part", items=about), Section("figures", "Figures", rows=rows), one_each("documents", "", sources)),
+        (*tables, _noise_section((part,))),
         findings=RULES,
     )
 
 
 def _row(figure: Figure) -> tuple[Quantity, ...]:
-    return of_table(
-        "imus.figure",
-        figure,
-        as_written=", ".join(figure.text),
-        sd=f"{figure.sd.max() / UNITS[_UNITS[figure.key]][1]:.3g} {_UNITS[figure.key]}",
-    )
+    sd = f"{figure.sd.max() / UNITS[_UNITS[figure.key]][1]:.3g} {_UNITS[figure.key]}"
+    return of_table("imus.figure", figure, as_written=", ".join(figure.text), sd=sd)

@@ -377,17 +377,18 @@ def flight_panel(found: Mapping[float, Sequence[TrajectoryErrors]], motion: str)
     rate = sorted(found)[len(found) // 2]
     lines = {name: each.horizontal for name, each in zip(INTEGRATORS, found[rate], strict=True)}
     clock = Clock(float(found[rate][0].time[0]), _HOUR, "h", "time since start [h]")
-    title = f"Integrators sampled at {rate:g} Hz"
-    return _differing("flight", title, "error [m]", clock, found[rate][0].time, lines, motion)
+    labels = f"Integrators sampled at {rate:g} Hz", "error [m]", clock.label
+    return _differing("flight", labels, clock(found[rate][0].time), lines, motion)
 
 
 def difference_panels(differences: Mapping[Integrator, TrajectoryErrors], against: str) -> Iterator[Panel]:
     """Draw the difference of the integrators from one of them, or from a reference."""
     time = next(iter(differences.values())).time
+    clock = Clock.of(time)
     for what, unit, size in (("Position", "m", lambda each: each.horizontal), ("Velocity", "m/s", speed_of)):
         lines = {name: size(each) for name, each in differences.items()}
-        title = f"{what} of the integrators against {against}"
-        yield _differing(f"difference_{what}".lower(), title, f"horizontal [{unit}]", Clock.of(time), time, lines)
+        labels = f"{what} of the integrators against {against}", f"horizontal [{unit}]", clock.label
+        yield _differing(f"difference_{what}".lower(), labels, clock(time), lines)
 
 
 def speed_of(errors: TrajectoryErrors) -> FloatArray:
@@ -396,13 +397,7 @@ def speed_of(errors: TrajectoryErrors) -> FloatArray:
 
 
 def _differing(
-    key: str,
-    title: str,
-    label: str,
-    clock: Clock,
-    time: FloatArray,
-    lines: Mapping[Integrator, FloatArray],
-    note: str = "",
+    key: str, labels: tuple[str, str, str], at: FloatArray, lines: Mapping[Integrator, FloatArray], note: str = ""
 ) -> Panel:
     """Build a logarithmic panel with a line per integrator; backward, which may coincide with forward, is dashed."""
     # they agree to the last bit, as at rest, if no top is above zero
@@ -411,7 +406,7 @@ def _differing(
     low = 10.0 ** np.floor(np.log10(max(min(tops) / 100.0, _SMALLEST)))
     limits = low, max(100.0 * low, 10.0 ** np.ceil(np.log10(max(tops))))
     curves = tuple(
-        Curve(name, clock(time), np.maximum(y, low), COLOURS[name], "dashed" if name == "backward" else "line")
+        Curve(name, at, np.maximum(y, low), COLOURS[name], "dashed" if name == "backward" else "line")
         for name, y in lines.items()
     )
-    return Panel(key, title, label, clock.label, curves, "time", note, log="y", limits=limits)
+    return Panel(key, *labels, curves, "time", note, log="y", limits=limits)

@@ -14,13 +14,12 @@ from insnav.findings import Code, Finding
 from insnav.quantity import Quantity
 from insnav.report.page import DataFrame, Page, Section, Verdict, by_warnings, drawn, only_json, rows_frame
 from insnav.report.panels import Curve, Panel, bars, row_panel
-from insnav.report.style import BLACK, BLUE, GREEN, GREY, ORANGE, PURPLE, SKY, VERMILLION, number
+from insnav.report.style import BLACK, BLUE, GRADES, GREEN, GREY, ORANGE, PURPLE, SKY, VERMILLION, number
 from insnav.report.tables import of_section, of_table
 from insnav.result import Result
 from insnav.types import FloatArray
 from insnav.units import UNITS, shown_unit
 
-GRADES = {"consumer": VERMILLION, "automotive": ORANGE, "industrial": BLUE, "tactical": GREEN, "navigation": PURPLE}
 LINES = (BLUE, VERMILLION, GREEN, PURPLE, ORANGE, SKY)  # of parts with an entry of their own
 SMALLEST = 0.01  # end of the error axis [m]
 NAMED = 6  # parts with separate entries: nearest to the limit

@@ -2,10 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
+import numpy as np
+
 from insnav.fleet.tuning import Tuned
 from insnav.imu.imu_file import to_toml
-from insnav.report.page import DataFrame, Page, rows_frame
+from insnav.report.page import DataFrame, Page, drawn, rows_frame
+from insnav.report.panels import Curve, bars, row_panel
 from insnav.report.run.quantities import noise_section
+from insnav.report.style import BLUE, VERMILLION
 from insnav.report.tables import of_table
 from insnav.result import Result
 from insnav.units import UNITS
@@ -15,7 +21,14 @@ def page(result: Result[Tuned]) -> Page:
     """Lay out the noise of an IMU."""
     found = result.found
     summary = f"The log-likelihood is {found.gain:.0f} above the prior; drives: {found.drives}."
-    return Page(f"Noise of an IMU: {found.spec.name}", (summary,), (noise_section(found),))
+    known, section = [each for each in found.figures if each.prior > 0.0], noise_section(found)
+    low, value, high = (np.array([getattr(e, name) / e.prior for e in known]) for name in ("low", "value", "high"))
+    names = tuple(item.label for item, each in zip(section.items, found.figures, strict=False) if each in known)
+    curves = bars(["95 % interval"] * len(known), {"95 % interval": BLUE}, low, high, names)
+    curves.append(Curve("estimate", value, np.arange(1.0 * len(known)), VERMILLION, "points", text=names))
+    panel = row_panel("noise", "Noise relative to the prior", "noise / prior [-]", curves, names)
+    figure = drawn("noise", panel.title, (replace(panel, log="x"),))
+    return Page(f"Noise of an IMU: {found.spec.name}", (summary,), (section, figure))
 
 
 def texts(result: Result[Tuned]) -> dict[str, str]:
