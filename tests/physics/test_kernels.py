@@ -73,6 +73,9 @@ def test_runge_kutta_joins_samples_by_straight_lines(instant):
         )
         velocity += h * (turn * Rotation.from_rotvec(0.5 * h * rate)).apply(force)
         turn = turn * Rotation.from_rotvec(h * rate)
+    middle = begin + 0.5 * dt[row]
+    np.testing.assert_allclose(dtheta[row], dt[row] * (RATE + middle * slope[0]), rtol=1e-12)
+    np.testing.assert_allclose(dvel[row], dt[row] * (FORCE + middle * slope[1]), rtol=1e-12)
     np.testing.assert_allclose(dtheta[row] + coning[row], turn.as_rotvec(), rtol=0, atol=2e-9)
     whole = dtheta[row]
     angle = np.linalg.norm(whole)
