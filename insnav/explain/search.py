@@ -21,10 +21,12 @@ from insnav.tabular import runs_of
 from insnav.types import BoolArray, FloatArray
 
 ACCEPT = 6.0  # gain below which two explanations count as equal: the error of the approximate evidence [-]
-GRADUATED = (300.0, 100.0, 30.0, 10.0, 3.0)  # divisors of the squared residuals in the first passes
+GRADUATED = (300.0, 100.0, 30.0, 10.0, 3.0, 1.0)  # divisors of the squared residuals, from first to last pass
 AGAIN = (1.0,) * 4  # divisors for a fit that changes little
 CONVERGED = (1.0,) * 24  # the same, until the cost no longer decreases
 SLOW = ACCEPT / len(AGAIN)  # decrease of the cost in each of two passes below which a fit ends [-]
+# logarithms of noise factors for additional proposals: the noise of the IMU may mask faults
+QUIET = np.array([0.0, 0.0, -0.7, 0.0, 0.0])
 TRIED = 4  # proposals tested in a round
 SOON = 60.0  # steps within a minute may be begin and end of one fault, see `insnav.explain.kinds.ENDS` [s]
 ALONE = 2  # largest number of successive false fixes that need no fault
@@ -130,9 +132,8 @@ class _Searcher:
         return fit
 
     def proposals(self, fit: Fit) -> list[tuple[Proposal, Fit]]:
-        """Propose faults with the present weights, with weak weights set to one, and with half the noise of the IMU."""
-        lower = min(0.0, -np.log(2.0) - fit.noise.figures[IMU])  # the noise of the IMU may mask faults
-        quiet = fit.noise.moved(lower * (np.arange(len(FIGURES)) == IMU))
+        """Propose faults with the present weights, with weak weights set to one, and with a quiet IMU."""
+        quiet = fit.noise.moved(np.minimum(0.0, QUIET - fit.noise.figures) * (QUIET < 0.0))
         ways = [(fit.weights, fit.noise), (believed(fit.weights, self.record.known), fit.noise), (fit.weights, quiet)]
         rows = runs_of(np.asarray(false_for_long(fit.weights, self.record.known).any(axis=1)))
         longest = rows[np.argsort(rows[:, 0] - rows[:, 1], kind="stable")[:TOPS]]
