@@ -294,6 +294,8 @@ def tests_of(mutant: Mutant, how: str) -> list[str]:
     known = durations(how)
     files = {each.partition("::")[0] for each in ran if each}
     direct = [each for each in known if each in ran]
+    if how == "uncompiled" and not direct:  # the compiled tests meet the line
+        return []
     shared = [each for each in known if each not in ran and each.partition("::")[0] in files]
     chosen, total = [], 0.0
     for group in (direct, shared):

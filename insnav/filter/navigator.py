@@ -274,7 +274,7 @@ class Navigator:
         self._sensed = mean[0], mean[1], swings, older
 
     def _process(self, inc: Increments, gap: FloatArray) -> None:
-        begin = int(inc.time.searchsorted(self._start + strapdown.TIME_TOLERANCE))
+        k = int(inc.time.searchsorted(self._start + strapdown.TIME_TOLERANCE))
         # index of the piece that ends at each fix
         fixes, before = self._fix_time[self._next :], self._next
         at = inc.time.searchsorted(fixes - strapdown.TIME_TOLERANCE)
@@ -284,11 +284,7 @@ class Navigator:
         rows += int(wanted.searchsorted(inc.time[-1] + 1.0)) - int(self._grid[2])
         out = self._record.reserve(rows, self._grid, wanted)
         samples = Samples(inc.time, inc.dt, inc.dtheta, inc.dvel, inc.coning, inc.sculling, gap)
-        k = begin
         for i in at:
-            if i < begin:
-                self._next += 1
-                continue
             k = self._run(samples, k, int(i) + 1, True, out)
             self._update(inc.time[i], self._next - before)
             row = int(self._fix[self._next])

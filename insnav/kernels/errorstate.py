@@ -250,7 +250,7 @@ def propagate(  # type: ignore[no-untyped-def]
     filled further. `work`: from `scratch`.
     Returns: first interval not processed: `last`, or earlier if the model's limit asks for a filter epoch.
     """
-    part = (limit[3] - limit[2]) / (sway.shape[0] + 1)
+    begin, rest, parts = limit[2], limit[3], sway.shape[0] + 1
     kept, c, none = work[3], work[6], np.zeros(2)
     ig0, ig1, ig2 = 1.0 / (1.0 + correction[6]), 1.0 / (1.0 + correction[7]), 1.0 / (1.0 + correction[8])
     ia0, ia1, ia2 = 1.0 / (1.0 + correction[9]), 1.0 / (1.0 + correction[10]), 1.0 / (1.0 + correction[11])
@@ -264,8 +264,8 @@ def propagate(  # type: ignore[no-untyped-def]
         vx = (dvel[k, 0] - correction[3] * h) * ia0
         vy = (dvel[k, 1] - correction[4] * h) * ia1
         vz = (dvel[k, 2] - correction[5] * h) * ia2
-        resting = time[k] <= limit[3]
-        row = max(0, min(int((time[k] - limit[2]) / part - 0.5), sway.shape[0] - 1)) if resting else 0
+        resting = time[k] <= rest
+        row = max(0, min(int((time[k] - begin) / (rest - begin) * parts - 0.5), parts - 2)) if resting else 0
         stays = resting and sway.shape[0] > 0 and not np.isnan(sway[row, 0])
         if stays:  # only the Earth turns
             rotation(x, c)

@@ -129,6 +129,8 @@ def test_delays_that_were_found_earlier_stay_in_the_table():
     found = Explanation(tried=(row("drag"),), passes=5, runs=1).after([earlier])
     assert [each.name for each in found.tried] == ["delay", "drag"]
     assert (found.passes, found.runs) == (15, 3)
+    unsearched = Explanation().after([earlier])
+    assert (unsearched.passes, unsearched.runs) == (10, 2)
 
 
 # --- page and terminal -------------------------------------------------------------------------------------

@@ -16,15 +16,17 @@ from insnav import spill
 from insnav.explain import explanation
 from insnav.explain import record as record_module
 from insnav.explain.explanation import _least_found, faults_in
-from insnav.explain.kinds import KINDS, RETURN
+from insnav.explain.kinds import KINDS, RETURN, cost_of_end
+from insnav.explain.proposals import Proposal, _pairs, misfit_of
 from insnav.explain.record import FAULTS, TAILS, WEIGHTED, LinearRecord, Noise, Step
-from insnav.explain.search import Fit, Search, forms_of, matters, same, search, search_part
+from insnav.explain.search import ACCEPT, Fit, Search, _Searcher, form_of, forms_of, matters, same, search, search_part
 from insnav.filter.filter_input import FilterInput
 from insnav.filter.navigator import Navigator
 from insnav.kernels.dynamics import NAV
 from insnav.kernels.errorstate import STATES
+from insnav.kernels.smoother import CORRECTION
 from insnav.steps import PREPARE, run_steps
-from insnav.types import ImuData
+from insnav.types import ImuData, RoundingChange
 
 BEGIN, END = 120, 170  # epochs
 NEAR = 3  # epochs by which a time may be off
@@ -276,6 +278,70 @@ def test_a_fault_matters_where_it_moves_the_solution_by_its_sd_or_doubles_its_va
 
     for after, expected in ((fit(0.9), False), (fit(-1.1), True), (fit(0.0, 1.8), False), (fit(0.0, 2.2), True)):
         assert matters(fit(), after, np.ones((4, 2), dtype=bool)) is expected
+
+
+def plain_fit(record: LinearRecord) -> Fit:
+    weights = np.ones((record.time.size, WEIGHTED.size))
+    return Fit((), weights, Noise(), 0.0, record.run((), weights, Noise()), np.eye(5))
+
+
+def test_a_fault_needs_more_gain_than_the_misfit_of_the_model_has() -> None:
+    """Fixes that are ten times worse than stated; the gain counts the prior, and the misfit has none."""
+    z, h, fed = drawn(8).measured
+    record = replace(nominal(), measured=(10.0 * z, h, fed))
+    fit, searcher, step = plain_fit(record), _Searcher(record, KINDS, 0), Step(OF["offset"], 60, 100.0, 90)
+    prior = float(step.kind.cost(step.variance, record.interval)) + cost_of_end(record.interval)
+    needed = misfit_of(record, fit.seen, step.kind, [60, 90]) - prior
+    assert needed > 2.0 * ACCEPT
+    assert searcher.least(fit, (step,)) == pytest.approx(needed)
+    for other in (Step(OF["rough"], 60, 1.0, 90), Step(RETURN, 90, 0.0)):  # neither is a step of a state
+        assert searcher.least(fit, (other,)) == ACCEPT
+
+
+@pytest.mark.parametrize(("gain", "moved", "real"), [(7.0, 1.1, True), (5.0, 1.1, False), (7.0, 0.9, False)])
+def test_a_real_fault_gains_and_moves_the_solution(gain: float, moved: float, real: bool) -> None:
+    searcher = _Searcher(nominal(), KINDS, 0)
+    size = nominal().time.size
+
+    def fit(cost: float, nav: float) -> Any:
+        seen = SimpleNamespace(nav=np.full(size, nav), nav_variance=np.ones(size))
+        return SimpleNamespace(cost=cost, seen=seen, weights=np.ones((size, WEIGHTED.size)))
+
+    assert searcher.is_real(fit(100.0, 0.0), fit(100.0 - gain, moved), ()) is real
+
+
+@pytest.mark.parametrize("interval", [1.0, 0.25])
+@pytest.mark.parametrize("size", [10.0, 400.0])
+def test_the_best_episode_from_its_begin_has_its_end_and_its_size(size: float, interval: float) -> None:
+    kind = OF["offset"]
+    record = replace(drawn(3, Step(kind, BEGIN, 1.0, END), size), interval=interval)
+    seen = plain_fit(record).seen
+    begin, end, _, variance = max(
+        _pairs(record, seen, kind, record.project(seen, kind), [BEGIN]), key=lambda one: one[2]
+    )
+    assert (begin, end) == (BEGIN, END)
+    assert size / 2.0 < np.sqrt(variance) < 2.0 * size
+
+
+def test_the_form_of_a_proposal_is_that_of_its_new_fault() -> None:
+    known, new = Step(OF["drag"], 30, 1.0, 40), Step(OF["gyro_z"], 90, 1e-4)
+    assert form_of(Proposal(1.0, (known, new)), (known,)) == ("gyro_z", False)
+    assert form_of(Proposal(1.0, (known,)), ()) == ("drag", True)
+
+
+def test_a_change_of_rounding_that_changed_no_estimate_adds_no_feedback() -> None:
+    """The estimates of the run fade over the span before the change, as the record assumes."""
+    ready = prepared()
+    navigator = Navigator(ready.keep_history())
+    navigator.feed(ready.imu)
+    history = np.concatenate(list(navigator.history().blocks()))
+    plain = LinearRecord._from_history(history, False, ready)
+    change = RoundingChange(float(plain.time[BEGIN]), np.full(3, 1e-12), np.full(3, 1e-12))
+    changed = LinearRecord._from_history(history, False, replace(ready, rounding=(change,)))
+    difference = np.abs(changed.measured[2] - plain.measured[2])[:, NAV:STATES]
+    sensors = np.abs(history[BEGIN, CORRECTION : CORRECTION + STATES - NAV])
+    assert (sensors[:6] > 0.0).all()
+    assert (difference.max(axis=0) < 1e-6 * sensors).all()
 
 
 def test_faults_of_the_imu_have_forms_and_those_of_fixes_none() -> None:

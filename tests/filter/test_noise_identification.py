@@ -11,7 +11,7 @@ import pytest
 import insnav
 from insnav.earth import lla_offset, ned_offset
 from insnav.filter import noise_estimate
-from insnav.filter.error_model import error_model
+from insnav.filter.error_model import error_model, layout
 from insnav.filter.filter_input import FilterInput
 from insnav.filter.gates import Gates
 from insnav.filter.gps_noise import CorrelatedNoise
@@ -33,6 +33,7 @@ from insnav.filter.noise_identification import (
 from insnav.findings import Code, Severity, of_code
 from insnav.imu.specification import ImuSpec, SensorSpec, level_bias
 from insnav.kernels import noise_likelihood as kernel
+from insnav.kernels.smoother import RESIDUAL
 from insnav.session.simulation import plan_of, profiled
 from insnav.simulate import GpsErrors, corrupt_gps
 from insnav.simulate.recording import parse_fault
@@ -197,6 +198,42 @@ def test_with_its_own_noise_the_innovations_are_those_of_the_filter(of_velocitie
     np.testing.assert_allclose(scale, run.innovations.sd[:, 0], rtol=0.02)
     # the filter linearises about another trajectory
     assert np.std(first + run.innovations.innovation[:, 0]) < 0.02 * np.std(first)
+
+
+@pytest.fixture(scope="module")
+def epochs() -> tuple[FloatArray, int, FloatArray]:
+    """History of a lap with misalignments in the model, number of states, and noise of the run."""
+    sensors = {name: replace(getattr(drives.SPEC, name), misalignment=np.full(3, 8e-3)) for name in ("gyro", "accel")}
+    ready = prepared(*recorded(1, laps=1), replace(drives.SPEC, **sensors), 1, laps=1)
+    navigator = Navigator(ready.keep_history())
+    navigator.feed(ready.imu)
+    return navigator.history().rows(), layout(ready.receiver).states, ready.model.noise
+
+
+def test_a_bridged_span_shows_no_misalignment(epochs):
+    """All noise of attitude beyond white noise is from misalignments, or of the gap; the first epoch ends no span."""
+    rows, noise = epochs[0], epochs[2]
+    at, bridged = 30, np.zeros(len(epochs[0]), bool)
+    span, _, _, _, share, bridge, *_ = kernel.tape(*epochs, bridged)
+    bridged[at] = True
+    _, _, _, _, other, gap, *_ = kernel.tape(*epochs, bridged)
+    assert (share[1:] > 0.0).all()
+    assert not share[0].any()
+    assert not other[at].any()
+    assert not bridge[:, :6].any()
+    assert gap[at, 3:6].sum() == pytest.approx(3.0 * noise[18] * share[at, 0] * span[at], rel=1e-6)
+    kept = np.arange(len(rows)) != at
+    np.testing.assert_array_equal(other[kept], share[kept])
+
+
+def test_a_tilt_correction_counts_in_the_next_span_only(epochs):
+    rows, at = epochs[0].copy(), 30
+    rows[np.arange(len(rows)) != at, RESIDUAL : RESIDUAL + 6] = 0.0
+    fed, squares = (kernel.tape(rows, *epochs[1:], np.zeros(len(rows), bool))[i] for i in (8, 5))
+    assert np.flatnonzero(fed.any(axis=1)).tolist() == [at]
+    assert np.flatnonzero(squares[:, 7]).tolist() == [at + 1]
+    assert squares[at + 1, 7] == pytest.approx(np.sum(fed[at, 6:8] ** 2))
+    assert squares[at + 1, 8] == pytest.approx(np.sum(fed[at, 6:8] ** 2) * np.sum(fed[at, 12:15] ** 2))
 
 
 def test_the_beginning_of_a_drive_has_the_first_of_its_innovations():

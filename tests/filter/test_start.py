@@ -139,8 +139,10 @@ def test_a_start_at_the_beginning_of_the_first_interval_is_inside(rate):
 
 @pytest.mark.parametrize("time", [0.0, 999.9, 1075.0, 1e6])
 def test_an_initial_state_outside_the_record_is_refused(time):
-    error = refused(drives.perfect_imu(laps=1), start_at(time))
+    imu = drives.perfect_imu(laps=1)
+    error = refused(imu, start_at(time))
     assert (error.code, error.values["start_s"]) == ("align.start_outside", time)
+    assert error.values["samples_s"] == (imu.time[0], imu.time[-1])
 
 
 def test_a_record_that_ends_at_its_start_is_refused():

@@ -177,6 +177,17 @@ def test_accumulated_transition_and_noise_are_those_of_a_constant_system():
     assert (np.linalg.eigvalsh(found.q / np.outer(sd, sd)) > -1e-12).all()
 
 
+@pytest.mark.parametrize("turns", [True, False])
+def test_misalignment_is_white_noise_in_proportion_to_the_motion(turns):
+    """Over a time T: attitude ``m |w|^2 T`` about each axis, or velocity ``m |f_level|^2 T``."""
+    kernel_x, span, noise = case("car")[1], 2.0, np.zeros(20)
+    noise[18 if turns else 19] = 1e-6
+    rate, level = RATE * turns, (dcm_from_rph(np.array(CASES["car"][2])) @ FORCE)[:2]
+    size, first = (rate @ rate, 6) if turns else (level @ level, 3)
+    found = Interval(kernel_x, span, 100.0, rate, noise=noise).q[first : first + 3, first : first + 3]
+    np.testing.assert_allclose(found, 1e-6 * size * span * np.eye(3), rtol=2e-3, atol=1e-10)
+
+
 def test_feeding_back_an_error_takes_it_off():
     x, _ = case("aircraft")
     error = np.concatenate([[3.0, -4.0, 5.0, 0.1, -0.2, 0.3, 2e-3, -1e-3, 3e-3], np.arange(1.0, 13.0) * 1e-3])
