@@ -22,7 +22,7 @@ def best_cpu(function: Callable[[], object]) -> float:
 
 
 def test_a_pass_each_way_costs_less_than_dense_propagation() -> None:
-    """Dense matrices need 2 n^3 products for F P F' alone, and as many for F' N F on the way back, without measurements."""
+    """Dense matrices need 2 n^3 products for F P F' alone, as many for F' N F on the way back, and measurements."""
     random = np.random.default_rng(1)
     phi = np.zeros((EPOCHS, 9, WITH_SENSORS)) + np.eye(9, WITH_SENSORS)
     phi[:, :, 9:] = 0.01 * random.normal(size=(EPOCHS, 9, WITH_SENSORS - 9))

@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import replace
 from io import BytesIO
 from pathlib import Path
+from time import process_time
 from typing import Any
 
 import numpy as np
@@ -400,7 +401,7 @@ def test_every_kind_of_page_is_whole_at_three_widths(browser: Browser, tmp_path:
 
 
 def test_the_page_of_an_hour_is_drawn_within_2_5_seconds_of_computing(browser: Browser, tmp_path: Path) -> None:
-    """Computing time of the page's thread: other processes may take turns with it."""
+    """Time of the page's thread, on a computer whose calibration loop of 20 million products takes 1.27 s."""
     run, gps, true = drive(3600.0, rate=10.0)
     run = replace(run, smoothed=Smoothed(run.solution, run.epochs, run.sensor_errors))
     errors = position_errors(run.solution, true)
@@ -414,5 +415,6 @@ def test_the_page_of_an_hour_is_drawn_within_2_5_seconds_of_computing(browser: B
         browser.open(file, 1280)
         found = browser.driver.execute_cdp_cmd("Performance.getMetrics", {})["metrics"]
         taken.append(next(each["value"] for each in found if each["name"] == "TaskDuration"))
-    print(taken)
-    assert min(taken) < 2.5
+    begin = process_time()
+    exec("for i in range(2_000_000): s += i * i", {"s": 0})
+    assert min(taken) < 2.5 / 1.27 * 10.0 * (process_time() - begin), taken
