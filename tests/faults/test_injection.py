@@ -60,8 +60,8 @@ def test_fixes_of_which_gates_reject_all_are_refused():
         return data.imu, replace(data.gps, lla=lla_offset(data.gps.lla, off))
 
     found = outcome("positions", Case("N6", "four of eight 500m aside", four_of_eight_aside))
-    # by gates, by the explanation, or because the lost filter comes to a pole: rounding of the processor decides
     assert found.kind == "refused", found
+    assert found.codes & {Code.RUN_REJECTED, Code.RUN_CONTRADICTED}  # by gates, or by the explanation
 
 
 def test_fixes_that_flap_leave_the_delay_and_are_told():
@@ -97,8 +97,7 @@ def test_standard_deviations_of_a_hundredth_are_those_of_the_innovations():
     assert found.kind == "told"
     assert Code.NOISE_SD_IMPLAUSIBLE in found.codes
     assert found.inside == 1.0
-    # 1.53 on processors without AVX-512: rounding decides which of several maxima the noise search finds
-    assert found.largest < 1.6 * outcome("short", Case("N0", "none", lambda data: (data.imu, data.gps))).largest
+    assert found.largest < 1.4 * outcome("short", Case("N0", "none", lambda data: (data.imu, data.gps))).largest
 
 
 @pytest.mark.parametrize("seconds", [20, 60])
