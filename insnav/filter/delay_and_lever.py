@@ -21,7 +21,7 @@ from insnav import strapdown
 from insnav.alignment.align import THEN_FILTER
 from insnav.alignment.in_motion import SPAN, STEADY, bias_by_course, gives_velocities, sure_motion
 from insnav.attitude import dcm_from_quat, quat_from_rph, rph_from_quat, wrap_pi
-from insnav.exceptions import DivergenceError
+from insnav.exceptions import DivergenceError, InputError
 from insnav.filter.ambiguity import with_wider_sd
 from insnav.filter.filter_input import FilterInput
 from insnav.filter.gates import aside
@@ -138,7 +138,7 @@ def filtered(ready: FilterInput, *, starts: int | None = None) -> Filtered:
             other_run = Navigator(_doubted(_believed(used)))
             feed(other_run, ready.imu)
             again = with_surer_start(ready, other_run.history())
-    except DivergenceError:
+    except (DivergenceError, InputError):  # it diverged, perhaps to a pole
         return Filtered(ready, used, None, 0.0, np.inf, 0.0, lever_sd, np.inf, np.inf)
     if again is not None:
         return filtered(again, starts=starts - 1)
