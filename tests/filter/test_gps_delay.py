@@ -586,6 +586,18 @@ def test_fixes_of_another_time_are_as_likely_as_moved_ones(delay):
     assert abs(cost - own) < 0.1 * (cost - least[0]) + 30.0
 
 
+def test_a_trial_that_comes_to_a_pole_is_lost(monkeypatch):
+    """As one that diverges: the drive itself may be far from a pole."""
+
+    def astray(*_):
+        raise InputError("filter.at_pole", where="t = 0.0 s")
+
+    monkeypatch.setattr(delay_and_lever, "feed", astray)
+    seen = filtered(recorded())
+    assert seen.epochs is None
+    assert seen.misfit == np.inf
+
+
 ROTATED = np.array([2e-4, -3e-4, 5e-4])  # also the steps of the other states [SI]
 
 
