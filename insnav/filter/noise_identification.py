@@ -63,7 +63,9 @@ VELOCITY_WORTH = 20.0
 # If the white part alone of the fix errors exceeds the reported sd by this factor, the poorly observed time-correlated
 # part is too small, too. The whole sd is then scaled by the excess of the white part, up to `ALIKE`.
 DOUBTED = 1.15
-UNDERSTATED_STARTS = 1.0, 5.0, 50.0  # initial factors: most fixes may have been rejected
+UNDERSTATED_STARTS = 1.0, 5.0, 50.0  # initial factors on all sds of fixes: most fixes may have been rejected
+POSITIONS = *likelihood.LEVELS, "gps.share", "gps.correlation_time"
+SDS_OF_FIXES = *likelihood.LEVELS, "gps.velocity", "gps.vertical_velocity"
 # a drive has another IMU below this chance probability of its innovations, with parameters beyond this factor and
 # number of sd from the common ones
 CHANCE, UNLIKE, UNLIKE_SD = 1e-4, 2.0, 3.0
@@ -111,7 +113,7 @@ class Posterior:
         e, s = (np.concatenate([part[i] for part in parts]) for i in (0, 1))
         return e, s, likelihood.cost_of(e, s) + self._before(at)
 
-    def _side_by_side(self, cases: FloatArray) -> list[_Seen]:
+    def _side_by_side(self, cases: Sequence[FloatArray]) -> list[_Seen]:
         """Evaluate several sets, in as many threads as numba may use: its kernel releases the lock."""
         with ThreadPoolExecutor(min(len(cases), NUMBA_NUM_THREADS)) as pool:
             return list(pool.map(self.innovations, cases))
@@ -133,7 +135,7 @@ class Posterior:
         damping, steps, last, moved = 1e-3, STEP * np.eye(at.size), np.zeros(at.size), np.zeros(at.size)
         for _ in range(ROUNDS):
             (e, s, start), by_e, by_s = seen, *np.empty((2, at.size, seen[0].size))
-            for i, (e1, s1, _) in enumerate(self._side_by_side(at + steps)):
+            for i, (e1, s1, _) in enumerate(self._side_by_side(list(at + steps))):
                 by_e[i], by_s[i] = (e1 - e) / STEP, (s1 - s) / STEP / s
             clean = by_e / np.sqrt(s * np.maximum(np.abs(e) / np.sqrt(s) / likelihood.HUBER, 1.0))
             weight = self.weight(at)
@@ -161,16 +163,21 @@ class Posterior:
         fisher += np.diag(self.weight(at + KINK * self._sd[1]) - weight)
         return at, np.linalg.inv(fisher).astype(np.float64), seen
 
+    def likeliest(self, cases: Sequence[FloatArray]) -> tuple[FloatArray, float]:
+        """Find the set of lowest cost among some, with its cost."""
+        costs = [found[2] for found in self._side_by_side(cases)]
+        best = int(np.argmin(costs))
+        return cases[best], costs[best]
+
     def find_top(self, at: FloatArray) -> tuple[FloatArray, FloatArray, _Seen]:
         """Climb, and again from a set beyond a barrier: one parameter changed by `BEYOND`, if that is more likely."""
         top = self.climb(at)
         while True:
-            cases = top[0] + BEYOND * np.vstack([np.eye(at.size), -np.eye(at.size)])
-            costs = [found[2] for found in self._side_by_side(cases)]
-            best = int(np.argmin(costs))
-            if not costs[best] < top[2][2]:  # or a cost is not a number
+            cases = list(top[0] + BEYOND * np.vstack([np.eye(at.size), -np.eye(at.size)]))
+            best, cost = self.likeliest(cases)
+            if not cost < top[2][2]:  # or a cost is not a number
                 return top
-            top = self.climb(cases[best])
+            top = self.climb(best)
 
     def _slope(self, at: FloatArray, seen: _Seen, by_e: FloatArray, by_s: FloatArray) -> FloatArray:
         """Compute the slope of the cost from derivatives of the innovations and of the logarithms of their variances.
@@ -198,14 +205,14 @@ def _bent(curvature: FloatArray, step: FloatArray, change: FloatArray) -> FloatA
 
 def _begun(posterior: Posterior) -> FloatArray:
     """Find initial parameters: the most likely of several starts, by the first part of the record."""
-    level = np.array([p.key in likelihood.LEVELS for p in posterior.parameters[:-2]])
+    level = np.array([p.key in SDS_OF_FIXES for p in posterior.parameters[:-2]])
     starts = [
         np.concatenate([posterior.middle[:-2] + np.log(factor) * level, each])
         for factor in UNDERSTATED_STARTS
         for each in STARTS
     ]
     short = Posterior([drive.beginning(SHORT) for drive in posterior.drives])
-    return short.climb(min(starts, key=lambda at: short.innovations(at)[2]), NEAR)[0]
+    return short.climb(short.likeliest(starts)[0], NEAR)[0]
 
 
 def maximise(drives: Sequence[InnovationLikelihood]) -> DriveNoise:
@@ -219,10 +226,15 @@ def maximise(drives: Sequence[InnovationLikelihood]) -> DriveNoise:
     penalty = 0.0
     if any(p.key == "gps.velocity" for p in posterior.parameters):  # velocities may have a time-correlated error, too
         wider = Posterior([drive.with_correlated_velocities() for drive in drives])
-        starts = [np.concatenate([at[:-2], each, at[-2:]]) for at in (top, begun) for each in VELOCITY_STARTS]
-        costs = [wider.innovations(at)[2] for at in starts]
-        if min(costs) < cost:
-            at, of_at, found = wider.climb(starts[int(np.argmin(costs))])
+        # errors of positions stood for those of velocities: they start anew, too
+        of_positions = np.array([p.key in POSITIONS for p in posterior.parameters])
+        anew = [np.where(of_positions, posterior.middle, at) for at in (top, begun)]
+        begins = [
+            wider.likeliest([np.concatenate([at[:-2], each, at[-2:]]) for at in pair for each in VELOCITY_STARTS])
+            for pair in ((top, begun), anew)
+        ]
+        if begins[0][1] < cost:
+            at, of_at, found = min((wider.climb(at) for at, _ in begins), key=lambda climbed: climbed[2][2])
             if found[2] < cost - VELOCITY_WORTH:
                 posterior, top, covariance, (e, s, cost), penalty = wider, at, of_at, found, VELOCITY_WORTH
     drive = posterior.drives[0]
@@ -317,7 +329,9 @@ def identify(drives: Sequence[InnovationLikelihood], kinds: Sequence[ImuSpec] = 
     drives = [drives[0], *(drive.of(drives[0].prior) for drive in drives[1:])]  # parameters are factors on one prior
     found = maximise(drives)
     doubtful = bool(np.min(found.white) > DOUBTED)
-    if found.far_off or doubtful:
+    for first in (True, False):
+        if not (found.far_off or (first and doubtful)):
+            break
         with suppress(DivergenceError):
             again = [drive.again(found) for drive in drives]
             if min(drive.fixes for drive in again) >= FEWEST:  # gates may reject all fixes with this noise
@@ -484,7 +498,7 @@ def with_known_noise(
     for velocities in (False, True):  # time-correlated errors of positions would absorb other noise
         posterior = Posterior([drive.of_fixes(positions=sizes, velocities=velocities)])
         starts = [np.concatenate([posterior.middle[:-2], each]) for each in STARTS]
-        top, covariance, (e, s, _) = posterior.climb(min(starts, key=lambda each: posterior.innovations(each)[2]))
+        top, covariance, (e, s, _) = posterior.climb(posterior.likeliest(starts)[0])
         if not (faults := faults or _too_small(ready, e, s)):
             break
     plausible = posterior.plausible(top, covariance)
