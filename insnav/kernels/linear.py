@@ -39,19 +39,25 @@ NO_POSITION, NO_VELOCITY = 1, 2  # bits: offset and drift of positions are over;
 
 @inner(forceinline=True)
 def make_rows(count):  # type: ignore[no-untyped-def]
-    """Zeros (count, WIDE) from the start of a cache line on, as loads across two lines take longer; in blocks, too."""
+    """Zeros (count, WIDE) from the start of a cache line on, as loads across two lines take longer."""
     flat = np.zeros(count * WIDE + 7)
     first = -(flat.ctypes.data // 8) % 8
-    flat = flat[first : first + count * WIDE]
-    return flat.reshape(count, WIDE), flat.reshape(count, BLOCKS, NAV)
+    return flat[first : first + count * WIDE].reshape(count, WIDE)
+
+
+@inner(forceinline=True)
+def padded(columns):  # type: ignore[no-untyped-def]
+    """Round up to whole turns of a vectorized loop: what remains of a loop runs one number at a time."""
+    return 8 * ((columns + 7) // 8)
 
 
 @inner(forceinline=True)
 def add_product(y, i, by, k, x, blocks, columns):  # type: ignore[no-untyped-def]
-    """Add row `k` of `by` (..., blocks, 9) times `x` (blocks, 9, ...) to row `i` of `y`, for so many columns."""
+    """Add row `k` of `by` times `x` (blocks, 9, ...) to row `i` of `y`, for so many columns."""
     for a in range(blocks):
-        b0, b1, b2, b3, b4 = by[k, a, 0], by[k, a, 1], by[k, a, 2], by[k, a, 3], by[k, a, 4]
-        b5, b6, b7, b8 = by[k, a, 5], by[k, a, 6], by[k, a, 7], by[k, a, 8]
+        c = NAV * a
+        b0, b1, b2, b3, b4 = by[k, c], by[k, c + 1], by[k, c + 2], by[k, c + 3], by[k, c + 4]
+        b5, b6, b7, b8 = by[k, c + 5], by[k, c + 6], by[k, c + 7], by[k, c + 8]
         for j in range(columns):
             part = b0 * x[a, 0, j] + b1 * x[a, 1, j] + b2 * x[a, 2, j] + b3 * x[a, 3, j] + b4 * x[a, 4, j]
             y[i, j] += part + b5 * x[a, 5, j] + b6 * x[a, 6, j] + b7 * x[a, 7, j] + b8 * x[a, 8, j]
@@ -66,38 +72,56 @@ def subtract_three(y, i, by, x, columns):  # type: ignore[no-untyped-def]
 
 
 @inner(forceinline=True)
-def inner_product(x, i, y, k, blocks):  # type: ignore[no-untyped-def]
-    """Product of row `i` of `x` (..., blocks, 9) with row `k` of `y`, likewise."""
-    s0 = s1 = s2 = 0.0
-    for a in range(blocks):
-        s0 += x[i, a, 0] * y[k, a, 0] + x[i, a, 1] * y[k, a, 1] + x[i, a, 2] * y[k, a, 2]
-        s1 += x[i, a, 3] * y[k, a, 3] + x[i, a, 4] * y[k, a, 4] + x[i, a, 5] * y[k, a, 5]
-        s2 += x[i, a, 6] * y[k, a, 6] + x[i, a, 7] * y[k, a, 7] + x[i, a, 8] * y[k, a, 8]
-    return s0 + s1 + s2
+def subtract_both(y, i, x, h, columns):  # type: ignore[no-untyped-def]
+    """Subtract row `i` of x' h + h' x, for `x` and `h` (3, ...), from row `i` of `y`."""
+    x0, x1, x2, h0, h1, h2 = x[0, i], x[1, i], x[2, i], h[0, i], h[1, i], h[2, i]
+    for j in range(columns):
+        part = x0 * h[0, j] + x1 * h[1, j] + x2 * h[2, j]
+        y[i, j] -= part + h0 * x[0, j] + h1 * x[1, j] + h2 * x[2, j]
+
+
+@inner(forceinline=True, fastmath={"contract", "reassoc"})  # else a sum has the latency of each of its terms
+def inner_product(x, i, y, k, columns):  # type: ignore[no-untyped-def]
+    """Product of row `i` of `x` with row `k` of `y`, for so many columns."""
+    total = 0.0
+    for j in range(columns):
+        total += x[i, j] * y[k, j]
+    return total
 
 
 @inner()
-def read_transition(system, k, f, ft, d):  # type: ignore[no-untyped-def]
-    """Read F: rows of navigation into `f` and its transpose `ft`, the diagonal into `d`. Return the drift time [s]."""
+def read_transition(system, k, f, d):  # type: ignore[no-untyped-def]
+    """Read F: rows of navigation into `f`, the diagonal of the others into `d`. Return the time of drift [s]."""
     span, phi, fade, _q, _qd, cleared = system
     n = fade.shape[1]
     for i in range(NAV):
         for a in range(phi.shape[2]):
-            f[i, a] = ft[a, i] = phi[k, i, a]
+            f[i, a] = phi[k, i, a]
     for i in range(NAV, n):
-        over = NO_POSITION if i < n - 3 else NO_VELOCITY
-        d[i] = 0.0 if i >= n - 9 and cleared[k] & over else fade[k, i]
+        d[i] = fade[k, i]
+    if cleared[k] & NO_POSITION:
+        d[n - 9 : n - 3] = 0.0
+    if cleared[k] & NO_VELOCITY:
+        d[n - 3 : n] = 0.0
     return 0.0 if cleared[k] & NO_POSITION else span[k]
 
 
 @inner(forceinline=True)
-def propagate(x, x9, c, d, drift, ft9, blocks, nav, n):  # type: ignore[no-untyped-def]
+def transpose(f, ft, columns):  # type: ignore[no-untyped-def]
+    """Fill `ft` with the first columns of `f` (9, ...) as rows."""
+    for i in range(NAV):
+        for a in range(columns):
+            ft[a, i] = f[i, a]
+
+
+@inner(forceinline=True)
+def propagate(x, c, d, drift, ft9, blocks, nav, n):  # type: ignore[no-untyped-def]
     """Replace row `c` of `x` by F times it, from `read_transition`: `ft9` by blocks, diagonal `d`, span `drift`.
 
-    `x9`: `x` in blocks of nine. `blocks`: number of blocks that navigation errors depend on. `nav` (1, 16): work space.
+    `blocks`: number of blocks that navigation errors depend on. `nav` (1, 16): work space.
     """
     nav[:] = 0.0
-    add_product(nav, 0, x9, c, ft9, blocks, 16)
+    add_product(nav, 0, x, c, ft9, blocks, 16)
     for j in range(NAV, n):  # an offset of positions grows by its drift, which has not changed yet: it comes later
         x[c, j] *= d[j]
         if n - 9 <= j < n - 6:
@@ -107,13 +131,13 @@ def propagate(x, x9, c, d, drift, ft9, blocks, nav, n):  # type: ignore[no-untyp
 
 
 @inner(forceinline=True)
-def propagate_back(y, i, x, x9, c, d, drift, f9, short, n):  # type: ignore[no-untyped-def]
+def propagate_back(y, i, x, c, d, drift, f9, short, n):  # type: ignore[no-untyped-def]
     """Fill row `i` of `y` with row `c` of `x` times F, of which `short` columns are not diagonal."""
     for j in range(n):
         y[i, j] = d[j] * x[c, j]
     for j in range(n - 9, n - 6):
         y[i, j + 3] += drift * x[c, j]
-    add_product(y, i, x9, c, f9, 1, short)
+    add_product(y, i, x, c, f9, 1, short)
 
 
 @inner(forceinline=True)
@@ -128,11 +152,11 @@ def move_drift(p, i, a, d, drift, columns):  # type: ignore[no-untyped-def]
 
 
 @inner(forceinline=True)
-def close_loop(x, x9, size, by9, along, i, blocks):  # type: ignore[no-untyped-def]
-    """Take from the first rows of `x` their product with row `i` of `by9` times row `i` of `along`."""
+def close_loop(x, size, by, along, i, columns):  # type: ignore[no-untyped-def]
+    """Take from the first rows of `x` their product with row `i` of `by` times row `i` of `along`."""
     for c in range(size):
-        total = inner_product(x9, c, by9, i, blocks)
-        for j in range(NAV * blocks):
+        total = inner_product(x, c, by, i, columns)
+        for j in range(columns):
             x[c, j] -= total * along[i, j]
 
 
@@ -147,26 +171,27 @@ def forward(system, measured, start, jumps, out):  # type: ignore[no-untyped-def
     innovation, variance, gain, told, mean_told, p_told = out
     (m, n), s = fed.shape, system[1].shape[2]
     assert n <= WIDE
-    (p, _), (ft, _), (w, w9), (f, f9) = make_rows(WIDE), make_rows(WIDE), make_rows(NAV), make_rows(NAV)
-    (mean, mean9), (ph, ph9), (hs, hs9), d = make_rows(1), make_rows(3), make_rows(3), np.zeros(WIDE)
+    p, ft, w, f = make_rows(WIDE), make_rows(WIDE), make_rows(NAV), make_rows(NAV)
+    mean, ph, hs, d = make_rows(1), make_rows(3), make_rows(3), np.zeros(WIDE)
     p9, ft9, of_s = p.reshape(BLOCKS, NAV, WIDE), ft.reshape(BLOCKS, NAV, WIDE), -(-s // NAV)
     nav, moved = np.empty((NAV, 16)), np.empty((1, 16))
     mean[0, :n], p[:n, :n] = start
-    live, following, total, blocks = n, 0, 0.0, -(-n // NAV)
+    live, following, total, full = n, 0, 0.0, padded(n)
     for k in range(m):
         while live > s and p[live - 1, live - 1] == 0.0:  # known exactly, as faults before they begin
             live -= 1
-        wide = 8 * ((live + 7) // 8)
+        wide = padded(live)
         if k > 0:
-            drift = read_transition(system, k, f, ft, d)
-            propagate(mean, mean9, 0, d, drift, ft9, of_s, moved, n)
+            drift = read_transition(system, k, f, d)
+            transpose(f, ft, s)
+            propagate(mean, 0, d, drift, ft9, of_s, moved, n)
             if live > n - 9 and drift != 0.0:
                 for i in range(n - 9, n - 6):
                     move_drift(p, i, i + 3, d, drift, wide)
             w[:], nav[:] = 0.0, 0.0
             for i in range(NAV):
-                add_product(w, i, f9, i, p9, of_s, wide)
-                add_product(nav, i, w9, i, ft9, of_s, 16)
+                add_product(w, i, f, i, p9, of_s, wide)
+                add_product(nav, i, w, i, ft9, of_s, 16)
             for i in range(NAV, live):
                 own = d[i]
                 for j in range(wide):
@@ -190,7 +215,7 @@ def forward(system, measured, start, jumps, out):  # type: ignore[no-untyped-def
                     live = max(live, i + 1)
                     p[i, :n] += jump[following, i, c] * jump[following, :, c]
             following += 1
-        wide = 8 * ((live + 7) // 8)
+        wide = padded(live)
         for i in range(told.shape[0]):
             mean_told[k, i] = mean[0, told[i]]
             for j in range(n):
@@ -210,11 +235,11 @@ def forward(system, measured, start, jumps, out):  # type: ignore[no-untyped-def
                         for j in range(wide):
                             ph[c, j] += by * p[a, j]
                 for b in range(c):  # minus the part explained by earlier components
-                    by = inner_product(hs9, c, ph9, b, blocks)
+                    by = inner_product(hs, c, ph, b, full)
                     for j in range(wide):
                         ph[c, j] -= by * ph[b, j]
-                error = z[k, i] - inner_product(hs9, c, mean9, 0, blocks)
-                own = var[k, i] + max(inner_product(hs9, c, ph9, c, blocks), 0.0)  # below zero is rounding alone
+                error = z[k, i] - inner_product(hs, c, mean, 0, full)
+                own = var[k, i] + max(inner_product(hs, c, ph, c, full), 0.0)  # below zero is rounding alone
                 innovation[k, i], variance[k, i] = error, own
                 total += np.log(own) + error * error / own
                 root = 1.0 / np.sqrt(own)
@@ -245,11 +270,11 @@ def backward(system, measured, out, rows, r, info, u, uu, told, driven):  # type
     h, q, (innovation, variance, gain, numbers, mean_told, p_told) = measured[1], system[3], out
     m, s, left, whole, n = u.shape[0], system[1].shape[2], rows.shape[0] - 1, system[2].shape[1], r.shape[1]
     assert whole <= WIDE
-    wide, short, blocks = 8 * ((n + 7) // 8), 8 * ((s + 7) // 8), -(-n // NAV)
-    (p, p_by), (t, _), (f, _), (ft, ft_by) = make_rows(WIDE), make_rows(NAV), make_rows(NAV), make_rows(WIDE)
-    (score, score_by), (x, x_by), (hs, hs_by), (ks, ks_by) = make_rows(1), make_rows(3), make_rows(3), make_rows(3)
+    wide, short, blocks = padded(n), padded(s), -(-n // NAV)
+    p, t, f, score = make_rows(WIDE), make_rows(NAV), make_rows(NAV), make_rows(1)
+    x, hs, ks = make_rows(3), make_rows(3), make_rows(3)
     p9, t9, f9 = p.reshape(BLOCKS, NAV, WIDE), t.reshape(1, NAV, WIDE), f.reshape(1, NAV, WIDE)
-    by, d, seen = np.empty((1, 1, NAV)), np.zeros(WIDE), np.empty(WIDE, np.int64)  # d of navigation stays zero
+    by, d, seen = np.empty((1, NAV)), np.zeros(WIDE), np.empty(WIDE, np.int64)  # d of navigation stays zero
     for k in range(m - 1, -1, -1):
         for first in (3, 0):
             u[k, first : first + 3] = uu[k, first : first + 3] = 0.0
@@ -265,26 +290,25 @@ def backward(system, measured, out, rows, r, info, u, uu, told, driven):  # type
                 if hs[0, j] != 0.0 or hs[1, j] != 0.0 or hs[2, j] != 0.0:
                     seen[count], count = j, count + 1
             for c in range(3):
-                add_product(x, c, ks_by, c, p9, blocks, wide)
+                add_product(x, c, ks, c, p9, blocks, wide)
             for c in range(2, -1, -1):
                 i = first + c
                 if variance[k, i] <= 0.0:
                     continue
-                error = innovation[k, i] / variance[k, i] - inner_product(ks_by, c, score_by, 0, blocks)
-                own = 1.0 / variance[k, i] + inner_product(ks_by, c, x_by, c, blocks)
+                error = innovation[k, i] / variance[k, i] - inner_product(ks, c, score, 0, wide)
+                own = 1.0 / variance[k, i] + inner_product(ks, c, x, c, wide)
                 u[k, i], uu[k, i] = error, own
                 # (I - K h')' N (I - K h') + h h' / s is N - h x' - x h' with x = N K - h uu / 2
                 for j in range(wide):
                     x[c, j] -= 0.5 * own * hs[c, j]
                     score[0, j] += error * hs[c, j]
                 for b in range(c):
-                    of_h = inner_product(ks_by, b, hs_by, c, blocks)
-                    of_x = inner_product(ks_by, b, x_by, c, blocks)
+                    of_h = inner_product(ks, b, hs, c, wide)
+                    of_x = inner_product(ks, b, x, c, wide)
                     for j in range(wide):
                         x[b, j] -= of_h * x[c, j] + of_x * hs[c, j]
             for a in seen[:count]:
-                subtract_three(p, a, x, hs, wide)
-                subtract_three(p, a, hs, x, wide)
+                subtract_both(p, a, x, hs, wide)
             for a in seen[:count]:
                 for j in range(n):
                     p[j, a] = p[a, j]
@@ -292,35 +316,38 @@ def backward(system, measured, out, rows, r, info, u, uu, told, driven):  # type
             r[left], info[left], left = score[0, :n], p[:n, :n], left - 1
         for i in range(numbers.shape[0]):
             own = numbers[i]
-            for j in range(n):
-                ks[0, j] = p_told[k, i, j]
-            told[k, 0, i] = mean_told[k, i] + inner_product(ks_by, 0, score_by, 0, blocks)
+            told[k, 0, i] = mean_told[k, i] + inner_product(p_told[k], i, score, 0, n)
             told[k, 1, i], told[k, 3, i] = score[0, own], p[own, own]
-            told[k, 2, i] = inner_product(ks_by, 0, p_by, own, blocks)
-        driven[k] = 0.0
+            told[k, 2, i] = inner_product(p_told[k], i, p, own, n)
+        total = 0.0
         for i in range(NAV):
             for j in range(NAV):
-                driven[k] += q[k, i, j] * (p[i, j] - score[0, i] * score[0, j])
+                x[0, j] = q[k, i, j]
+            total += inner_product(x, 0, p, i, NAV) - score[0, i] * inner_product(x, 0, score, 0, NAV)
+        driven[k] = total
         if k > 0:
-            drift = read_transition(system, k, f, ft, d) * (n == whole)
+            drift = read_transition(system, k, f, d) * (n == whole)
             d[n:] = 0.0
-            propagate_back(x, 0, score, score_by, 0, d, drift, f9, short, n)
+            propagate_back(x, 0, score, 0, d, drift, f9, short, n)
             score[0] = x[0]
             for i in range(n - 6, n - 3):
                 if drift != 0.0:
                     move_drift(p, i, i - 3, d, drift, wide)
             for i in range(NAV):  # half of the part between navigation errors, as both terms of the sum contain it
-                propagate_back(t, i, p, p_by, i, d, 0.0, f9, short, n)
+                propagate_back(t, i, p, i, d, 0.0, f9, short, n)
                 for j in range(n):
                     t[i, j] = 0.5 * (t[i, j] + d[j] * p[i, j])
             for a in range(n):
-                own, columns = d[a], 8 * ((a + 8) // 8)
+                own, columns = d[a], padded(a + 1)
                 for j in range(columns):
                     p[a, j] *= own * d[j]
                 for c in range(NAV):
-                    by[0, 0, c] = t[c, a]
-                add_product(p, a, by, 0, f9, 1, columns)
-                add_product(p, a, ft_by, a, t9, 1, columns)
+                    by[0, c] = t[c, a]
+                add_product(p, a, by, 0, f9, 1, min(columns, short))
+                if a < s:
+                    for c in range(NAV):
+                        by[0, c] = f[c, a]
+                    add_product(p, a, by, 0, t9, 1, columns)
             for a in range(n):
                 for j in range(a):
                     p[j, a] = p[a, j]
@@ -346,20 +373,18 @@ def cross(system, measured, out, info, at, g, last):  # type: ignore[no-untyped-
     closed-loop transition from a to b, both just before the measurement. Other epochs are zero.
     """
     (n, size), d, nav, way = g.shape, np.zeros(WIDE), np.zeros((1, WIDE)), 1 if last > at else -1
-    (x, x_by), (y, y_by), (f, _), (ft, _) = make_rows(NAV), make_rows(NAV), make_rows(NAV), make_rows(WIDE)
-    (hs, hs_by), (ks, ks_by), f9, ft9 = (
-        make_rows(6),
-        make_rows(6),
-        f.reshape(1, NAV, WIDE),
-        ft.reshape(BLOCKS, NAV, WIDE),
-    )
-    blocks, of_s, found = -(-n // NAV), -(-system[1].shape[2] // NAV), np.zeros((system[0].shape[0], size, size))
+    x, y, f, ft = make_rows(NAV), make_rows(NAV), make_rows(NAV), make_rows(WIDE)
+    hs, ks, f9, ft9 = make_rows(6), make_rows(6), f.reshape(1, NAV, WIDE), ft.reshape(BLOCKS, NAV, WIDE)
+    s = system[1].shape[2]
+    wide, short, of_s = padded(n), padded(s), -(-s // NAV)
+    found = np.zeros((system[0].shape[0], size, size))
     x[:size, :n] = y[:size, :n] = g.T
     if way < 0:
         combine(g, info[at], x)
     for k in range(at, last + way, way):
         if k != at:
-            drift = read_transition(system, max(k, k - way), f, ft, d)
+            drift = read_transition(system, max(k, k - way), f, d)
+            transpose(f, ft, s)
             count = 0
             for i in range(6):
                 if out[1][min(k, k - way), i] > 0.0:
@@ -368,19 +393,19 @@ def cross(system, measured, out, info, at, g, last):  # type: ignore[no-untyped-
                         ks[count, j] = out[2][min(k, k - way), i, j]
                     count += 1
             for i in range(count * (way > 0)):
-                close_loop(x, x_by, size, hs_by, ks, i, blocks)
+                close_loop(x, size, hs, ks, i, wide)
             for c in range(size):
                 if way > 0:
-                    propagate(x, x_by, c, d, drift, ft9, of_s, nav, n)
+                    propagate(x, c, d, drift, ft9, of_s, nav, n)
                 else:
-                    propagate_back(nav, 0, x, x_by, c, d, drift, f9, system[1].shape[2], n)
+                    propagate_back(nav, 0, x, c, d, drift, f9, short, n)
                     x[c] = nav[0]
             for i in range(count - 1, count * (way > 0) - 1, -1):
-                close_loop(x, x_by, size, ks_by, hs, i, blocks)
+                close_loop(x, size, ks, hs, i, wide)
         if way > 0:
             combine(g, info[k], y)
         for e, c in np.ndindex(size, size):
-            found[k, e, c] = inner_product(y_by, e, x_by, c, blocks)
+            found[k, e, c] = inner_product(y, e, x, c, wide)
     return found
 
 
