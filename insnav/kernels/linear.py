@@ -21,7 +21,7 @@ Functions take the same groups of arrays, for m epochs and n states, up to `WIDE
   - gain (m, 6, n);
   - numbers (c,) int of some states, with their mean (m, c) and rows of the covariance (m, c, n) before the measurement.
 
-Components of a measurement are processed one after the other, and change matrices by threes. Rows are padded by
+Components of a measurement are processed one after the other, and change matrices in groups. Rows are padded by
 zeros. The covariance of states that are known exactly at the end, as faults before they begin, is not touched.
 """
 
@@ -64,20 +64,12 @@ def add_product(y, i, by, k, x, blocks, columns):  # type: ignore[no-untyped-def
 
 
 @inner(forceinline=True)
-def subtract_three(y, i, by, x, columns):  # type: ignore[no-untyped-def]
-    """Subtract the product of column `i` of `by` (3, ...) with `x` (3, ...) from row `i` of `y`."""
-    b0, b1, b2 = by[0, i], by[1, i], by[2, i]
+def subtract_products(y, i, a, x, b, z, columns):  # type: ignore[no-untyped-def]
+    """Subtract row `i` of a' x + b' z, for matrices (3, ...), from row `i` of `y`, for so many columns."""
+    a0, a1, a2, b0, b1, b2 = a[0, i], a[1, i], a[2, i], b[0, i], b[1, i], b[2, i]
     for j in range(columns):
-        y[i, j] -= b0 * x[0, j] + b1 * x[1, j] + b2 * x[2, j]
-
-
-@inner(forceinline=True)
-def subtract_both(y, i, x, h, columns):  # type: ignore[no-untyped-def]
-    """Subtract row `i` of x' h + h' x, for `x` and `h` (3, ...), from row `i` of `y`."""
-    x0, x1, x2, h0, h1, h2 = x[0, i], x[1, i], x[2, i], h[0, i], h[1, i], h[2, i]
-    for j in range(columns):
-        part = x0 * h[0, j] + x1 * h[1, j] + x2 * h[2, j]
-        y[i, j] -= part + h0 * x[0, j] + h1 * x[1, j] + h2 * x[2, j]
+        part = a0 * x[0, j] + a1 * x[1, j] + a2 * x[2, j]
+        y[i, j] -= part + b0 * z[0, j] + b1 * z[1, j] + b2 * z[2, j]
 
 
 @inner(forceinline=True, fastmath={"contract", "reassoc"})  # else a sum has the latency of each of its terms
@@ -94,24 +86,12 @@ def read_transition(system, k, f, d):  # type: ignore[no-untyped-def]
     """Read F: rows of navigation into `f`, the diagonal of the others into `d`. Return the time of drift [s]."""
     span, phi, fade, _q, _qd, cleared = system
     n = fade.shape[1]
-    for i in range(NAV):
-        for a in range(phi.shape[2]):
-            f[i, a] = phi[k, i, a]
-    for i in range(NAV, n):
-        d[i] = fade[k, i]
+    f[:, : phi.shape[2]], d[NAV:n] = phi[k], fade[k, NAV:]
     if cleared[k] & NO_POSITION:
         d[n - 9 : n - 3] = 0.0
     if cleared[k] & NO_VELOCITY:
         d[n - 3 : n] = 0.0
     return 0.0 if cleared[k] & NO_POSITION else span[k]
-
-
-@inner(forceinline=True)
-def transpose(f, ft, columns):  # type: ignore[no-untyped-def]
-    """Fill `ft` with the first columns of `f` (9, ...) as rows."""
-    for i in range(NAV):
-        for a in range(columns):
-            ft[a, i] = f[i, a]
 
 
 @inner(forceinline=True)
@@ -126,8 +106,7 @@ def propagate(x, c, d, drift, ft9, blocks, nav, n):  # type: ignore[no-untyped-d
         x[c, j] *= d[j]
         if n - 9 <= j < n - 6:
             x[c, j] += drift * x[c, j + 3]
-    for j in range(NAV):
-        x[c, j] = nav[0, j]
+    x[c, :NAV] = nav[0, :NAV]
 
 
 @inner(forceinline=True)
@@ -172,7 +151,7 @@ def forward(system, measured, start, jumps, out):  # type: ignore[no-untyped-def
     (m, n), s = fed.shape, system[1].shape[2]
     assert n <= WIDE
     p, ft, w, f = make_rows(WIDE), make_rows(WIDE), make_rows(NAV), make_rows(NAV)
-    mean, ph, hs, d = make_rows(1), make_rows(3), make_rows(3), np.zeros(WIDE)
+    mean, ph, hs, d = make_rows(1), make_rows(6), make_rows(1), np.zeros(WIDE)
     p9, ft9, of_s = p.reshape(BLOCKS, NAV, WIDE), ft.reshape(BLOCKS, NAV, WIDE), -(-s // NAV)
     nav, moved = np.empty((NAV, 16)), np.empty((1, 16))
     mean[0, :n], p[:n, :n] = start
@@ -183,7 +162,7 @@ def forward(system, measured, start, jumps, out):  # type: ignore[no-untyped-def
         wide = padded(live)
         if k > 0:
             drift = read_transition(system, k, f, d)
-            transpose(f, ft, s)
+            ft[:s, :NAV] = f[:, :s].T
             propagate(mean, 0, d, drift, ft9, of_s, moved, n)
             if live > n - 9 and drift != 0.0:
                 for i in range(n - 9, n - 6):
@@ -220,36 +199,33 @@ def forward(system, measured, start, jumps, out):  # type: ignore[no-untyped-def
             mean_told[k, i] = mean[0, told[i]]
             for j in range(n):
                 p_told[k, i, j] = p[told[i], j]
-        for first in (0, 3):
-            used = False
-            for c in range(3):
-                i = first + c
-                ph[c] = 0.0
-                if var[k, i] <= 0.0:
-                    innovation[k, i], variance[k, i], gain[k, i] = 0.0, -1.0, 0.0
-                    continue
-                used = True
-                for a in range(n):
-                    by = hs[c, a] = h[k, i, a]
-                    if by != 0.0:
-                        for j in range(wide):
-                            ph[c, j] += by * p[a, j]
-                for b in range(c):  # minus the part explained by earlier components
-                    by = inner_product(hs, c, ph, b, full)
+        for i in range(6):
+            ph[i] = 0.0
+            if var[k, i] <= 0.0:
+                innovation[k, i], variance[k, i], gain[k, i] = 0.0, -1.0, 0.0
+                continue
+            for a in range(n):
+                by = hs[0, a] = h[k, i, a]
+                if by != 0.0:
                     for j in range(wide):
-                        ph[c, j] -= by * ph[b, j]
-                error = z[k, i] - inner_product(hs, c, mean, 0, full)
-                own = var[k, i] + max(inner_product(hs, c, ph, c, full), 0.0)  # below zero is rounding alone
-                innovation[k, i], variance[k, i] = error, own
-                total += np.log(own) + error * error / own
-                root = 1.0 / np.sqrt(own)
-                for j in range(n):
-                    ph[c, j] *= root
-                    gain[k, i, j] = ph[c, j] * root
-                    mean[0, j] += gain[k, i, j] * error
-            if used:
-                for a in range(live):
-                    subtract_three(p, a, ph, ph, wide)
+                        ph[i, j] += by * p[a, j]
+            for b in range(i):  # minus the part explained by earlier components
+                if var[k, b] > 0.0:
+                    by = inner_product(hs, 0, ph, b, full)
+                    for j in range(wide):
+                        ph[i, j] -= by * ph[b, j]
+            error = z[k, i] - inner_product(hs, 0, mean, 0, full)
+            own = var[k, i] + max(inner_product(hs, 0, ph, i, full), 0.0)  # below zero is rounding alone
+            innovation[k, i], variance[k, i] = error, own
+            total += np.log(own) + error * error / own
+            root = 1.0 / np.sqrt(own)
+            for j in range(n):
+                ph[i, j] *= root
+                gain[k, i, j] = ph[i, j] * root
+                mean[0, j] += gain[k, i, j] * error
+        if var[k].max() > 0.0:
+            for a in range(live):
+                subtract_products(p, a, ph[:3], ph[:3], ph[3:], ph[3:], wide)
         mean[0, :n] -= fed[k]
     return total
 
@@ -274,7 +250,7 @@ def backward(system, measured, out, rows, r, info, u, uu, told, driven):  # type
     p, t, f, score = make_rows(WIDE), make_rows(NAV), make_rows(NAV), make_rows(1)
     x, hs, ks = make_rows(3), make_rows(3), make_rows(3)
     p9, t9, f9 = p.reshape(BLOCKS, NAV, WIDE), t.reshape(1, NAV, WIDE), f.reshape(1, NAV, WIDE)
-    by, d, seen = np.empty((1, NAV)), np.zeros(WIDE), np.empty(WIDE, np.int64)  # d of navigation stays zero
+    d, seen = np.zeros(WIDE), np.empty(WIDE, np.int64)  # d of navigation stays zero
     for k in range(m - 1, -1, -1):
         for first in (3, 0):
             u[k, first : first + 3] = uu[k, first : first + 3] = 0.0
@@ -308,7 +284,7 @@ def backward(system, measured, out, rows, r, info, u, uu, told, driven):  # type
                     for j in range(wide):
                         x[b, j] -= of_h * x[c, j] + of_x * hs[c, j]
             for a in seen[:count]:
-                subtract_both(p, a, x, hs, wide)
+                subtract_products(p, a, x, hs, hs, x, wide)
             for a in seen[:count]:
                 for j in range(n):
                     p[j, a] = p[a, j]
@@ -341,13 +317,9 @@ def backward(system, measured, out, rows, r, info, u, uu, told, driven):  # type
                 own, columns = d[a], padded(a + 1)
                 for j in range(columns):
                     p[a, j] *= own * d[j]
-                for c in range(NAV):
-                    by[0, c] = t[c, a]
-                add_product(p, a, by, 0, f9, 1, min(columns, short))
+                add_product(p, a, t.T, a, f9, 1, min(columns, short))
                 if a < s:
-                    for c in range(NAV):
-                        by[0, c] = f[c, a]
-                    add_product(p, a, by, 0, t9, 1, columns)
+                    add_product(p, a, f.T, a, t9, 1, columns)
             for a in range(n):
                 for j in range(a):
                     p[j, a] = p[a, j]
@@ -361,8 +333,7 @@ def combine(g, info, y):  # type: ignore[no-untyped-def]
         y[c] = 0.0
         for i in range(n):
             if g[i, c] != 0.0:
-                for j in range(n):
-                    y[c, j] += g[i, c] * info[i, j]
+                y[c, :n] += g[i, c] * info[i]
 
 
 @njit(cache=True, nogil=True)
@@ -384,13 +355,11 @@ def cross(system, measured, out, info, at, g, last):  # type: ignore[no-untyped-
     for k in range(at, last + way, way):
         if k != at:
             drift = read_transition(system, max(k, k - way), f, d)
-            transpose(f, ft, s)
+            ft[:s, :NAV] = f[:, :s].T
             count = 0
             for i in range(6):
                 if out[1][min(k, k - way), i] > 0.0:
-                    for j in range(n):
-                        hs[count, j] = measured[1][min(k, k - way), i, j]
-                        ks[count, j] = out[2][min(k, k - way), i, j]
+                    hs[count, :n], ks[count, :n] = measured[1][min(k, k - way), i], out[2][min(k, k - way), i]
                     count += 1
             for i in range(count * (way > 0)):
                 close_loop(x, size, hs, ks, i, wide)
