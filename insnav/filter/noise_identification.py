@@ -64,8 +64,6 @@ VELOCITY_WORTH = 20.0
 # part is too small, too. The whole sd is then scaled by the excess of the white part, up to `ALIKE`.
 DOUBTED = 1.15
 UNDERSTATED_STARTS = 1.0, 5.0, 50.0  # initial factors on all sds of fixes: most fixes may have been rejected
-POSITIONS = *likelihood.LEVELS, "gps.share", "gps.correlation_time"
-SDS_OF_FIXES = *likelihood.LEVELS, "gps.velocity", "gps.vertical_velocity"
 # a drive has another IMU below this chance probability of its innovations, with parameters beyond this factor and
 # number of sd from the common ones
 CHANCE, UNLIKE, UNLIKE_SD = 1e-4, 2.0, 3.0
@@ -166,8 +164,7 @@ class Posterior:
     def likeliest(self, cases: Sequence[FloatArray]) -> tuple[FloatArray, float]:
         """Find the set of lowest cost among some, with its cost."""
         costs = [found[2] for found in self._side_by_side(cases)]
-        best = int(np.argmin(costs))
-        return cases[best], costs[best]
+        return min(zip(cases, costs, strict=True), key=lambda each: each[1])
 
     def find_top(self, at: FloatArray) -> tuple[FloatArray, FloatArray, _Seen]:
         """Climb, and again from a set beyond a barrier: one parameter changed by `BEYOND`, if that is more likely."""
@@ -205,9 +202,9 @@ def _bent(curvature: FloatArray, step: FloatArray, change: FloatArray) -> FloatA
 
 def _begun(posterior: Posterior) -> FloatArray:
     """Find initial parameters: the most likely of several starts, by the first part of the record."""
-    level = np.array([p.key in SDS_OF_FIXES for p in posterior.parameters[:-2]])
+    of_fixes = np.array([p.key.startswith("gps.") for p in posterior.parameters[:-2]])
     starts = [
-        np.concatenate([posterior.middle[:-2] + np.log(factor) * level, each])
+        np.concatenate([posterior.middle[:-2] + np.log(factor) * of_fixes, each])
         for factor in UNDERSTATED_STARTS
         for each in STARTS
     ]
@@ -226,12 +223,10 @@ def maximise(drives: Sequence[InnovationLikelihood]) -> DriveNoise:
     penalty = 0.0
     if any(p.key == "gps.velocity" for p in posterior.parameters):  # velocities may have a time-correlated error, too
         wider = Posterior([drive.with_correlated_velocities() for drive in drives])
-        # errors of positions stood for those of velocities: they start anew, too
-        of_positions = np.array([p.key in POSITIONS for p in posterior.parameters])
-        anew = [np.where(of_positions, posterior.middle, at) for at in (top, begun)]
+        # errors of positions, and of the IMU, stood for those of velocities: it starts anew from the prior, too
         begins = [
-            wider.likeliest([np.concatenate([at[:-2], each, at[-2:]]) for at in pair for each in VELOCITY_STARTS])
-            for pair in ((top, begun), anew)
+            wider.likeliest([np.concatenate([at[:-2], each, at[-2:]]) for at in among for each in VELOCITY_STARTS])
+            for among in ((top, begun), (posterior.middle,))
         ]
         if begins[0][1] < cost:
             at, of_at, found = min((wider.climb(at) for at, _ in begins), key=lambda climbed: climbed[2][2])
