@@ -46,13 +46,18 @@ def potential(rho: np.ndarray, z: np.ndarray) -> np.ndarray:
     return own + 0.5 * omega**2 * rho * rho
 
 
+def gradient_of_potential(lat, height, d):
+    """North and down components, by differences over steps of `d` [m]."""
+    x, _, z = pymap3d.geodetic2ecef(lat, 0.0, height, deg=False)
+    s, c = np.sin(lat), np.cos(lat)
+    north = (potential(x - d * s, z + d * c) - potential(x + d * s, z - d * c)) / (2 * d)
+    return north, (potential(x - d * c, z - d * s) - potential(x + d * c, z + d * s)) / (2 * d)
+
+
 @pytest.mark.parametrize("height", [0.0, 1e3, 1e4, 2e4])
 def test_gravity_is_the_gradient_of_the_normal_potential(height):
     lat = np.radians(np.linspace(-85.0, 85.0, 35))
-    x, _, z = pymap3d.geodetic2ecef(lat, 0.0, height, deg=False)
-    s, c, d = np.sin(lat), np.cos(lat), 200.0
-    north = (potential(x - d * s, z + d * c) - potential(x + d * s, z - d * c)) / (2 * d)
-    down = (potential(x - d * c, z - d * s) - potential(x + d * c, z + d * s)) / (2 * d)
+    north, down = gradient_of_potential(lat, height, 200.0)
     g = earth.gravity_n(lat, height)
     assert np.max(np.abs(g[:, 2] - down)) < 1e-6 * 9.8
     assert np.max(np.abs(g[:, 0] - north)) < 1e-6 * 9.8

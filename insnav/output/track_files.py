@@ -272,7 +272,8 @@ def nmea(track: Track) -> str:
             lines.append(f"GNGST,{clock},,,,,{sd[0]:.4f},{sd[1]:.4f},{sd[2]:.4f}")
         if np.isfinite(psi):
             lines.append(f"GNHDT,{psi:.4f},T")
-    return "".join(f"${line}*{_checksum(line):02X}\r\n" for line in lines)
+    sums = [np.bitwise_xor.reduce(np.frombuffer(plain_text(line).encode("ascii"), dtype=np.uint8)) for line in lines]
+    return "".join(f"${line}*{total:02X}\r\n" for line, total in zip(lines, sums, strict=True))
 
 
 def sbet(track: Track) -> bytes:
@@ -333,10 +334,6 @@ def _minutes(angle: float, digits: int) -> str:
     """Write degrees and minutes in NMEA format."""
     total = round(abs(angle) * 60.0, 7)
     return f"{int(total // 60):0{digits}d}{total % 60:010.7f}"
-
-
-def _checksum(text: str) -> int:
-    return int(np.bitwise_xor.reduce(np.frombuffer(plain_text(text).encode("ascii"), dtype=np.uint8)))
 
 
 def write_kml(folder: Path, solution: Trajectory, name: str) -> Path:

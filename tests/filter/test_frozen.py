@@ -13,11 +13,11 @@ from insnav.errors.metrics import position_errors
 from insnav.filter.gates import without_frozen
 from insnav.filter.navigate import navigate_recording
 from insnav.filter.receiver import DELAY_SD, Delay, Receiver
-from insnav.findings import NOT_MEASURED, Code, Severity, of_code
+from insnav.findings import NOT_MEASURED, Code, Finding, Severity, of_code
 from insnav.imu import load_imu
 from insnav.simulate.motion import load_profile
-from insnav.simulate.recording import MOTION_STREAM, load_gps, simulate_recording
-from insnav.types import GpsData, ImuData
+from insnav.simulate.recording import MOTION_STREAM, Recording, load_gps, simulate_recording
+from insnav.types import GpsData, ImuData, Run
 from tests.filter import drives
 
 AT_REST = ImuData(np.arange(0.0, 120.0, 0.1), np.zeros((1200, 3)), np.tile([0.0, 0.0, -9.8], (1200, 1)))
@@ -66,41 +66,42 @@ def test_a_false_velocity_at_rest_freezes_none_and_a_fix_that_is_repeated_in_mot
     assert np.flatnonzero(found.position_sd[:, 0] > 1.0).tolist() == frozen
 
 
+def city() -> Recording:
+    truth = load_profile("city").truth((5, MOTION_STREAM))
+    return simulate_recording(truth, load_imu("automotive"), load_gps("single"), 5)
+
+
+def navigated(made: Recording, gps: GpsData, most: float) -> tuple[Run, Finding]:
+    """Run with an unknown delay, and the finding on fixes; no horizontal error is larger than `most` [m]."""
+    run = navigate_recording(made.imu, gps, load_imu("automotive"), Receiver(delay=Delay(sd=DELAY_SD))).run
+    assert run.smoothed is not None
+    errors = position_errors(run.smoothed.solution, made.reference)
+    assert np.hypot(*errors.position[:, :2].T).max() < most
+    (said,) = of_code(run.events, *NOT_MEASURED)
+    return run, said
+
+
 @pytest.mark.parametrize("velocities", [True, False], ids=["repeated velocities", "positions alone"])
 def test_fixes_that_are_repeated_whole_are_none(velocities):
     """Velocities at which it stopped carried the solution 2.2 km away; positions alone were used, 0.5 km off."""
-    truth = load_profile("city").truth((5, MOTION_STREAM))
-    made = simulate_recording(truth, load_imu("automotive"), load_gps("single"), 5)
+    made = city()
     stale, gps = slice(200, 320), made.gps if velocities else drives.without_velocities(made.gps)
     lla, v_n = gps.lla.copy(), gps.v_n.copy()
     lla[stale], v_n[stale] = lla[200], v_n[200]
-    done = navigate_recording(
-        made.imu, replace(gps, lla=lla, v_n=v_n), load_imu("automotive"), Receiver(delay=Delay(sd=DELAY_SD))
-    )
-    assert done.run.smoothed is not None
-    errors = position_errors(done.run.smoothed.solution, made.reference)
-    assert np.hypot(*errors.position[:, :2].T).max() < 15.0
-    (said,) = of_code(done.run.events, *NOT_MEASURED)
+    run, said = navigated(made, replace(gps, lla=lla, v_n=v_n), 15.0)
     assert said.code is Code.GPS_FROZEN
     assert said.severity is Severity.WARNING
     assert said["distance_m" if velocities else "scatter_m_s2"] > said["limit_m" if velocities else "limit_m_s2"]
-    assert not failure(done.run)
+    assert not failure(run)
 
 
 @pytest.mark.parametrize(("since", "value"), [(0, 0.0), (200, 0.0), (200, None)], ids=["none", "zeros", "held"])
 def test_velocities_that_stay_the_same_in_motion_are_none(since, value):
     """Loggers write zeros for what is not given: it was refused as never moving, 55 m off, or late by half a second."""
-    truth = load_profile("city").truth((5, MOTION_STREAM))
-    made = simulate_recording(truth, load_imu("automotive"), load_gps("single"), 5)
+    made = city()
     v_n = made.gps.v_n.copy()
     v_n[since : since + 100 if value is None else None] = v_n[since] if value is None else value
-    done = navigate_recording(
-        made.imu, replace(made.gps, v_n=v_n), load_imu("automotive"), Receiver(delay=Delay(sd=DELAY_SD))
-    )
-    assert done.run.smoothed is not None
-    errors = position_errors(done.run.smoothed.solution, made.reference)
-    assert np.hypot(*errors.position[:, :2].T).max() < 6.0
-    (said,) = of_code(done.run.events, *NOT_MEASURED)
+    _, said = navigated(made, replace(made.gps, v_n=v_n), 6.0)
     assert said.code is Code.GPS_FROZEN_VELOCITY
     assert said["distance_m"] > said["limit_m"]
 
@@ -134,21 +135,14 @@ def test_velocities_that_are_zero_at_rest_or_steady_in_motion_are_used():
 
 def test_fixes_that_go_straight_on_in_a_tunnel_are_none():
     """40 s of a country road: the delay was 22 sd off, 52 % of velocities inside 3 sd: theirs does not grow."""
-    truth = load_profile("city").truth((5, MOTION_STREAM))
-    made = simulate_recording(truth, load_imu("automotive"), load_gps("single"), 5)
+    made = city()
     first, gps = 220, made.gps
     coasts, since = slice(first, first + 41), (gps.time - gps.time[first])[first : first + 41, None]
     lla, v_n = gps.lla.copy(), gps.v_n.copy()
     v_n[coasts] = v_n[first]
     assert np.linalg.norm(v_n[first]) > 5.0
     lla[coasts] = lla_offset(np.tile(lla[first], (41, 1)), since * v_n[first])
-    done = navigate_recording(
-        made.imu, replace(gps, lla=lla, v_n=v_n), load_imu("automotive"), Receiver(delay=Delay(sd=DELAY_SD))
-    )
-    assert done.run.smoothed is not None
-    errors = position_errors(done.run.smoothed.solution, made.reference)
-    assert np.hypot(*errors.position[:, :2].T).max() < 6.0
-    (said,) = of_code(done.run.events, *NOT_MEASURED)
+    _, said = navigated(made, replace(gps, lla=lla, v_n=v_n), 6.0)
     assert said.code is Code.GPS_EXTRAPOLATED
     assert said["duration_s"] == pytest.approx(40.0)
 
