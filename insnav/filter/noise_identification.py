@@ -223,13 +223,12 @@ def maximise(drives: Sequence[InnovationLikelihood]) -> DriveNoise:
     penalty = 0.0
     if any(p.key == "gps.velocity" for p in posterior.parameters):  # velocities may have a time-correlated error, too
         wider = Posterior([drive.with_correlated_velocities() for drive in drives])
-        # errors of positions, and of the IMU, stood for those of velocities: it starts anew from the prior, too
-        begins = [
-            wider.likeliest([np.concatenate([at[:-2], each, at[-2:]]) for at in among for each in VELOCITY_STARTS])
-            for among in ((top, begun), (posterior.middle,))
-        ]
-        if begins[0][1] < cost:
-            at, of_at, found = min((wider.climb(at) for at, _ in begins), key=lambda climbed: climbed[2][2])
+        sets, last = (top, begun, posterior.middle), len(VELOCITY_STARTS)
+        starts = [np.concatenate([at[:-2], each, at[-2:]]) for at in sets for each in VELOCITY_STARTS]
+        start, likely = wider.likeliest(starts[:-last])
+        if likely < cost:  # errors of positions and IMU may stand for those of velocities: the prior is a start, too
+            tops = [wider.climb(each) for each in (start, wider.likeliest(starts[-last:])[0])]
+            at, of_at, found = min(tops, key=lambda climbed: climbed[2][2])
             if found[2] < cost - VELOCITY_WORTH:
                 posterior, top, covariance, (e, s, cost), penalty = wider, at, of_at, found, VELOCITY_WORTH
     drive = posterior.drives[0]
