@@ -183,20 +183,17 @@ def kml(track: Track) -> str:
 
 
 def geojson(track: Track) -> str:
-    """Write GeoJSON (RFC 7946): a line, cut at the date line, with the times of its points."""
-    place = track.degrees
-    cuts = np.flatnonzero(np.abs(np.diff(place[:, 1])) > 180.0) + 1
-    lines = [
-        [[round(lon, 9), round(lat, 9), round(h, 3)] for lat, lon, h in part.tolist()]
-        for part in np.split(place, cuts)
-        if len(part) > 1
-    ]
-    times = [f"{t}Z" for t in np.datetime_as_string(track.utc, unit="us")] if track.utc is not None else None
+    """Write GeoJSON (RFC 7946): a line, cut at the date line into pieces of two points or more, with their times."""
+    cuts = np.flatnonzero(np.abs(np.diff(track.degrees[:, 1])) > 180.0) + 1
+    pieces = [piece for piece in np.split(np.arange(len(track.trajectory.time)), cuts) if len(piece) > 1]
+    rows = np.array([row for piece in pieces for row in piece], dtype=int)
+    places = [[round(lon, 9), round(lat, 9), round(h, 3)] for lat, lon, h in track.degrees.tolist()]
+    times = [f"{t}Z" for t in np.datetime_as_string(track.utc[rows], unit="us")] if track.utc is not None else None
     feature = {
         "type": "Feature",
-        "properties": {"name": track.name, "heights": track.height, "time_s": track.trajectory.time.tolist()}
+        "properties": {"name": track.name, "heights": track.height, "time_s": track.trajectory.time[rows].tolist()}
         | ({"times": times} if times else {}),
-        "geometry": {"type": "MultiLineString", "coordinates": lines},
+        "geometry": {"type": "MultiLineString", "coordinates": [[places[row] for row in piece] for piece in pieces]},
     }
     return json.dumps({"type": "FeatureCollection", "features": [feature]}, allow_nan=False) + "\n"
 

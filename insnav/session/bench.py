@@ -89,11 +89,13 @@ def calibrate(
     module = calibration.method_named(method)
     how = calibration.BenchOptions(**options)
     started("reading")
-    record = (
-        read_samples(files, Inputs())
-        if isinstance(files, ImuData)
-        else module.read(_sources(files, rate, how.counts), how)
-    )
+    if isinstance(files, ImuData):
+        record = read_samples(files, Inputs())
+    else:
+        sources = _sources(files, rate, how.counts)
+        if method in ("nine", "poses") and len(sources) > 1:
+            raise ConfigError("lab.one_file", method=method, count=len(sources))
+        record = module.read(sources, how)
     if opened is not None:
         opened(record)
     started("fitting")

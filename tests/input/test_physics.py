@@ -89,7 +89,7 @@ def test_units_given_by_the_user(tmp_path, units):
     _check(read_imu(write(tmp_path / "a.csv", _scaled(1 / DEG, 1 / 9.80665), IMU_HEADER), units=units).data)
 
 
-@pytest.mark.parametrize("units", ["furlong", "gyro=g", {"accel": "deg/s"}, "speed=m/s"])
+@pytest.mark.parametrize("units", ["furlong", "gyro=g", {"accel": "deg/s"}, "speed=m/s", "deg/s,rad/s"])
 def test_units_that_are_none(units):
     with pytest.raises(ConfigError):
         parse_units(units)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -88,6 +89,21 @@ def test_geojson_and_kml(run):
     assert np.allclose((lat, lon, height), MOTION.lla[0], atol=1e-6)
     assert line["properties"]["times"][0] == "2025-08-27T11:59:42.012345Z"
     assert b"<coordinates>151.5" in export(run(), "kml")
+
+
+def test_geojson_has_one_time_for_each_point(run):
+    """A single point between two cuts at the date line is no line."""
+    folder = run()
+    lla = trajectory().lla
+    lla[:, 1] = np.radians(179.0)
+    lla[5, 1] = lla[-1, 1] = np.radians(-179.0)
+    write_run_table(folder, replace(trajectory(), lla=lla))
+    line = json.loads(export(folder, "geojson"))["features"][0]
+    pieces, last = line["geometry"]["coordinates"], len(MOTION.t) - 1
+    assert [len(piece) for piece in pieces] == [5, last - 6]
+    expected = np.delete(TOW + MOTION.t, [5, last])
+    assert np.allclose(line["properties"]["time_s"], expected)
+    assert len(line["properties"]["times"]) == expected.size
 
 
 def test_unix_times_need_no_week(run, tmp_path):

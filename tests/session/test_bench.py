@@ -106,6 +106,7 @@ def test_poses_from_arrays_in_units_and_in_counts() -> None:
     ("call", "error", "word"),
     [
         (lambda: calibrate("table", rate_table()), ConfigError, "lab.no_method"),
+        (lambda: calibrate("poses", ["a.csv", "b.csv"]), ConfigError, "lab.one_file"),
         (lambda: calibrate("gyro", rate_table(), spike_limit=-1.0), ConfigError, "lab.spike_limit"),
         (lambda: calibrate("gyro", rate_table(), gravity=981.0), ConfigError, "lab.gravity"),
         (lambda: calibrate("gyro", [rate_table()] * 2), InputError, "lab.not_three_sensors"),

@@ -182,8 +182,8 @@ def read_imu(
 def parse_units(units: Units) -> dict[str, str]:
     """Parse the user's units of ``gyro``, ``accel`` and ``time``.
 
-    Written as ``{"gyro": "deg/s"}``, ``"gyro=deg/s,accel=g,time=ms"``, or ``"deg/s,g"``; anything else is a
-    `ConfigError`.
+    Written as ``{"gyro": "deg/s"}``, ``"gyro=deg/s,accel=g,time=ms"``, or ``"deg/s,g"``. Returns keys of `ALL_UNITS`;
+    omits counts and `RawScale`, see `_raw_scales`. Raises: ConfigError: other text, or two units of one.
     """
     found: dict[str, str] = {}
     for key, text in unit_pairs(units):
@@ -191,7 +191,7 @@ def parse_units(units: Units) -> dict[str, str]:
             continue
         for name, dimensions in _DIMENSIONS.items():
             unit = next((u for d in dimensions if (u := find_unit(text, d)) is not None), None)
-            if unit is not None and key in ("", name):
+            if unit is not None and key in ("", name) and name not in found:
                 found[name] = unit
                 break
         else:
@@ -308,13 +308,13 @@ def _choose(
     *,
     some: bool = False,
 ) -> bool:
-    """Return whether to read increments, after checking that all columns exist, or `some`."""
+    """Decide whether to read increments; add plain columns to `found` as such. All columns must exist, or `some`."""
     dims = {ALL_UNITS[given[key]][0] for key in ("gyro", "accel") if key in given}
     if sampling == "increment" or dims & {"angle", "velocity"}:
         if dims & {"rate", "acceleration"} or sampling in ("mean", "instant"):
             units = tuple(f"{key}={unit}" for key, unit in given.items())
             raise ConfigError("input.units_against_sampling", where="imu-units", units=units, sampling=sampling or "")
-        # Columns with plain names and no unit contain increments if the user specifies that.
+        # Columns with plain names contain increments if the user specifies that, by units or for columns without one.
         for rate, increment in zip(_RATES + _FORCES, _ANGLES + _VELOCITIES, strict=True):
             old = found.get(rate)
             if old is not None and increment not in found and (old.unit is None or dims):
@@ -354,7 +354,7 @@ def _choose(
     elif some and "time" not in found:
         hint = "without_rate"
     require(found, ("time", *wanted), table, schema, hint=hint, gives=gives)
-    return increments
+    return as_increments
 
 
 def _common_unit(found: dict[str, Found], keys: tuple[str, ...], name: str) -> str | None:
