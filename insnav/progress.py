@@ -36,7 +36,7 @@ class Stages:
     def __init__(self, show: Callable[[str], object], waits: Iterable[float]) -> None:
         self._show, self._waits = show, iter(waits)
         self._begin, self._name, self._total = time.monotonic(), "computing", 0
-        self._reports: list[tuple[float, float]] = []  # of this stage: time [s] and fraction
+        self._reports: list[tuple[float, float]] = []  # of this stage: time of the report [s], fraction done
         self._working, self._lock = True, threading.Lock()
 
     def __enter__(self) -> Self:

@@ -103,7 +103,7 @@ STATIC_SPEED = 0.5  # GPS speed of a stationary vehicle, including the noise of 
 UNSEEN, LEVEL_DRIFT = 30.0, 0.05
 SOON = 10.0  # a stop that begins this soon after the first fix starts the drive [s]
 HIDDEN = 60.0  # position noise may mask motion for this long [s]
-COURSE_TIME = 0.5  # course error in motion: the turn in this time, or up to the nearest velocity [s]
+COURSE_TIME = 0.5  # course sd in motion: turn in this time, or in the time to the nearest velocity if longer [s]
 SPARSE = 5.0  # sparser fixes show no change of velocity in a short record [s]
 THEN_FILTER = {  # alignment methods that a run of the filter has refined
     Code.ALIGN_LEVEL_MOTION: Code.ALIGN_LEVEL_MOTION_FILTER,

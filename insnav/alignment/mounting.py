@@ -326,7 +326,7 @@ class _Windows:
         return some.rows(np.argsort(some.strength)[-MOST:])
 
     def tilting(self) -> _Windows | None:
-        """Return all windows if there are enough; noise counts as much as the errors."""
+        """Return all windows, or None if too few. Added strength limits the misfit by noise to about `SHARE`."""
         enough = self.strength.size >= OVERLAP * FEWEST
         return replace(self, strength=np.maximum(self.strength, 0.0) + self.noise / SHARE**2) if enough else None
 

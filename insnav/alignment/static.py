@@ -83,7 +83,7 @@ def _means(start: float, end: float, rate: FloatArray, force: FloatArray) -> Sta
 
 
 def sway(parts: Intervals, still: FloatArray, at: StationaryMeans | None = None) -> tuple[StationaryMeans, FloatArray]:
-    """Compute means of a long stop, and level and heading changes between its parts, (k, 2) [rad].
+    """Compute means of a stop, and the changes of level and heading between successive parts of it, (k, 2) [rad].
 
     Heading changes are relative to the mean rate. A short stop, or one without departure, has no changes: filters track
     gyro bias there. Next to a disturbed part the changes are NaN. `still` (m, 2): stationary intervals of the stop [s].

@@ -40,7 +40,7 @@ class Check:
 
     @property
     def error(self) -> float:
-        """Largest error with a limit; NaN if one of them is NaN."""
+        """Largest error of the integrators to which the limit applies; NaN if one of these errors is NaN."""
         errors = [value for _, value in self.values[: self.required]]
         return math.nan if any(math.isnan(value) for value in errors) else max(errors)
 

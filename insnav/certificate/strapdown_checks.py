@@ -288,7 +288,7 @@ def day(integrators: Sequence[Integrator]) -> list[Check]:
 
 
 def compared(topic: str, records: Sequence[Record], where: str = "") -> list[Check]:
-    """Compare records of the position error with the closed form of `ERRORS`; `where` begins the cases."""
+    """Compare position errors, and their periods, with the closed form for `ERRORS`. `where`: prefix of case names."""
     theory = periods(float(PLACE[0]), float(PLACE[2]))
     found = [(name, _parts(time, position)) for name, time, position in records]
     cases = (

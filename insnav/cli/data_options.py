@@ -179,7 +179,7 @@ def _told_apart(first: Path, second: Path, gps: Path | None) -> tuple[Path, Path
 
 
 def _refuse_nothing(*files: Path | None) -> None:
-    """Refuse missing or empty files, before reporting an existing folder."""
+    """Raise an error for missing or empty input files. It precedes the error of an unusable output folder."""
     for each in files:
         if each is None or str(each) == "-" or (each.exists() and (not each.is_file() or each.stat().st_size)):
             continue

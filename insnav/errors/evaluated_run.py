@@ -123,22 +123,22 @@ def size_at(windows: Sequence[ShortWindow], name: str, elapsed: float) -> FloatA
 
 
 def _compared(piece: Increments, solution: Trajectory, state: int, every: int) -> ShortWindow:
+    """Navigate a window by the full and the short form, from row `state` of the solution; keep every n-th state."""
     start = solution.lla[state], solution.v_n[state], solution.rph[state]
     full = strapdown.navigate(piece, *start, every=every)
-    short = navigate_short(piece, *start, every=every)
-    untilted = navigate_short(piece, *start, every=every, turning=False)
+    short, untilted = (navigate_short(piece, *start, every=every, turning=turning) for turning in (True, False))
     begin = float(piece.time[0] - piece.dt[0])
     elapsed = full.time - begin
     rate = 2.0 * earth_rate_n(full.lla[:, 0]) + transport_rate_n(full.lla[:, 0], full.lla[:, 2], full.v_n)
-    speed = _integral(elapsed, np.cross(rate, full.v_n))
+    velocity_error = _integral(elapsed, np.cross(rate, full.v_n))  # of the short form: it omits the Coriolis term
     return ShortWindow(
-        begin,
-        float(np.mean(np.hypot(full.v_n[:, 0], full.v_n[:, 1]))),
-        elapsed,
-        ned_offset(short.lla, full.lla),
-        short.v_n - full.v_n,
-        _integral(elapsed, speed),
-        ned_offset(untilted.lla, full.lla),
+        start=begin,
+        speed=float(np.mean(np.hypot(full.v_n[:, 0], full.v_n[:, 1]))),
+        elapsed=elapsed,
+        position=ned_offset(short.lla, full.lla),
+        velocity=short.v_n - full.v_n,
+        dropped=_integral(elapsed, velocity_error),
+        untilted=ned_offset(untilted.lla, full.lla),
     )
 
 

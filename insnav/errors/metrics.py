@@ -29,7 +29,7 @@ APART, OTHERWISE = 50.0, 0.5  # least distance to another drive [m], and share o
 ALIKE = 0.1  # share of this extent below which tracks at different hours are the same
 MOVING_M_S = 0.5  # a faster vehicle counts as moving
 LONGEST_STEP = 2.0  # median steps of the estimate; a longer step is a gap without interpolation
-_SAME_TIME = 1e-6  # of a step: tolerance for times written with different digits
+_SAME_TIME = 1e-6  # tolerance for equal times that differ by rounding, in steps
 
 
 def other_drive(reference: Trajectory, track: Trajectory, gps: GpsData | None) -> float:

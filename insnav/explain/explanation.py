@@ -140,7 +140,7 @@ class Explanation:
 
 
 def explain_faults(ready: FilterInput, kinds: Sequence[Kind]) -> tuple[FilterInput, Explanation]:
-    """Find the faults of a recording, and prepare the recording for the filter with these faults."""
+    """Find the faults in rounds of filter runs, each with the IMU faults found before; apply them to the recording."""
     parts, tried, runs = list[Part](), list[Tried](), 0
     for _ in range(ROUNDS):
         try:
@@ -150,40 +150,40 @@ def explain_faults(ready: FilterInput, kinds: Sequence[Kind]) -> tuple[FilterInp
         runs, first = runs + 1, next(records)
         if np.count_nonzero(first.known.any(axis=1)) < FEWEST:
             break
-        before, parts = parts, []
-        for record, known in zip(chain([first], records), chain(before, repeat(None)), strict=False):
-            if known is not None and known.search.complete and not of_imu(known.faults):
-                parts.append(known)
+        previous_parts, parts = parts, []
+        for record, previous in zip(chain([first], records), chain(previous_parts, repeat(None)), strict=False):
+            if previous is not None and previous.search.complete and not of_imu(previous.faults):
+                parts.append(previous)
                 continue
-            like = parts[-1].search.best if parts else None
-            record, found = search_part(record, kinds, known and known.search, like)
+            like = parts[-1].search.best if parts else None  # of the part before, which has similar noise
+            record, found = search_part(record, kinds, previous and previous.search, like)
             if not np.isfinite(found.best.cost):  # too far from linear to be calculated
                 return ready, Explanation()
             tried += considered_of(record, found)
             if not parts:
-                limits = state_detectable(record, found.best.seen, kinds)
+                detectable = state_detectable(record, found.best.seen, kinds)  # in the first part alone
             faults = faults_in(record, found)
             if found.complete:  # otherwise the search may return to it
                 found = replace(found, best=replace(found.best, seen=found.best.seen.bare()))
             parts.append(Part(record.time, record.interval, found, faults))
             spill.release()
-        same = alike(of_imu(faults_of(before)), of_imu(faults_of(parts)))
+        same = alike(of_imu(faults_of(previous_parts)), of_imu(faults_of(parts)))
         if same and all(part.search.complete or part.search.passes > BUDGET for part in parts):
             break
     if not parts:
         return ready, Explanation()
     faults = faults_of(parts)
     explained = apply_faults(ready, faults)
-    findings = *(find(fault, explained.gps) for fault in faults if fault.family != "delay"), limits
+    findings = *(find(fault, explained.gps) for fault in faults if fault.family != "delay"), detectable
     rows = {(each.name, each.begin, each.end): each for each in sorted(tried, key=lambda each: each.gain)}
     for part in parts:
         steps = (step for step in part.search.best.steps if step.kind is not RETURN)
         for fault, step in zip(part.faults, steps, strict=True):
             rows[fault.kind.name, fault.begin, fault.end] = accepted_as(ready, fault, step, part.interval)
     best_first = sorted(rows.values(), key=lambda each: (not each.accepted, -each.gain))
-    between = np.concatenate([part.time for part in parts]), np.concatenate([mix(part.search) for part in parts])
+    ambiguity = np.concatenate([part.time for part in parts]), np.concatenate([mix(part.search) for part in parts])
     passes = sum(part.search.passes for part in parts)
-    return explained, Explanation(tuple(faults), tuple(best_first), passes, runs, findings, between)
+    return explained, Explanation(tuple(faults), tuple(best_first), passes, runs, findings, ambiguity)
 
 
 class Part(NamedTuple):
@@ -271,20 +271,20 @@ def state_detectable(record: LinearRecord, of: Pass, kinds: Sequence[Kind]) -> F
     Minimal detectable bias: W. Baarda, "A testing procedure for use in geodetic networks", Netherlands Geodetic
     Commission 2/5 (1968). The critical value is the gain that the search requires.
     """
-    values: dict[str, Any] = {}
+    values, information = dict[str, Any](), of.scores[1]  # (m, n, n), of a step before each epoch
     length = max(int(MINUTE / record.interval), 2)
     rows = np.linspace(1, max(record.time.size - length - 1, 1), PLACES).astype(int)
-    followed = "followed_drag" if "velocity offset" in record.states else "drag"
+    followed = "followed_drag" if "velocity offset" in record.states else "drag"  # measured velocities drift, too
     for name, key in (("offset", "jump_m"), (followed, "drift_m_s"), ("drag", "minute_m_s")):
         kind = next(each for each in kinds if each.name == name)
-        columns, ends = record.columns(kind), cost_of_end(record.interval) * (key == "minute_m_s")
-        known = columns.T @ of.scores[1][rows] @ columns
-        if key == "minute_m_s":
+        columns, end_cost = record.columns(kind), cost_of_end(record.interval) * (key == "minute_m_s")
+        known = columns.T @ information[rows] @ columns
+        if key == "minute_m_s":  # the opposite step ends the drag a minute later
             later = np.minimum(rows + length, record.time.size - 1)
             cross = np.array([record.cross(of, columns, a, length)[b] for a, b in zip(rows, later, strict=True)])
-            known = known + columns.T @ of.scores[1][later] @ columns - cross - np.swapaxes(cross, 1, 2)
+            known = known + columns.T @ information[later] @ columns - cross - np.swapaxes(cross, 1, 2)
         misfit = misfit_of(record, of, kind)
-        least = [_least_found(each, kind, record.interval, ends, misfit) for each in known]
+        least = [_least_found(each, kind, record.interval, end_cost, misfit) for each in known]
         value = float(np.quantile(least, NEARLY_ALL, method="lower"))  # some are infinite
         if value < UNSEEN * kind.size:
             values[key] = value

@@ -104,7 +104,7 @@ class Noise:
         return float(FADES * np.exp(self.figures[TIME_OF_SHARE]))
 
     def lasting(self, sd: FloatArray) -> FloatArray:
-        """Compute the variance of the time-correlated error of positions with standard deviations `sd`."""
+        """Compute the variance of the time-correlated position error [m^2]. `sd`: stated position sd [m]."""
         return np.asarray(self.share * np.exp(2.0 * self.figures[POSITION]) * sd**2)
 
 
@@ -118,7 +118,7 @@ class Pass:
     """Result of a forward and a backward pass over the record."""
 
     cost: float  # twice the negative log-likelihood of the fixes [-]
-    # (m, 3) expected squares, relative to the variance at weight one: position and velocity residuals, IMU noise [-]
+    # (m, 3) expected sums of squares of position residuals, velocity residuals and IMU noise, in variances at weight 1
     squares: FloatArray
     nav: FloatArray  # (m, 9) smoothed error of position, velocity and attitude
     slope: FloatArray  # (5,) derivatives of the cost by the noise figures, with their prior [-]

@@ -25,7 +25,7 @@ GRADUATED = (300.0, 100.0, 30.0, 10.0, 3.0, 1.0)  # divisors of the squared resi
 AGAIN = (1.0,) * 4  # divisors for a fit that changes little
 CONVERGED = (1.0,) * 24  # the same, until the cost no longer decreases
 SLOW = ACCEPT / len(AGAIN)  # decrease of the cost in each of two passes below which a fit ends [-]
-# logarithms of noise factors for additional proposals: the noise of the IMU may mask faults
+# Logarithms of noise figures: additional proposals use at most half the IMU noise, which may hide faults; 0: no limit
 QUIET = np.array([0.0, 0.0, -0.7, 0.0, 0.0])
 TRIED = 4  # proposals tested in a round
 SOON = 60.0  # steps within a minute may be begin and end of one fault, see `insnav.explain.kinds.ENDS` [s]

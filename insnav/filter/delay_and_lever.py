@@ -475,7 +475,7 @@ SURE_ARM = 6.0  # smallest reported error, in standard deviations of the estimat
 # noise rotates the attitude before fixes correct it [s]
 PRETENDED, SHOWN_AFTER = 0.2, 10.0
 NO_GYROS = 30.0 * DEG_PER_SQRT_H  # no gyro has this noise; hard mounts in vehicles: up to 8 deg/√h [rad/√s]
-WRONG_HEADING = 3.0  # error of a specified heading in sd, from which the heading of the drive is tried
+WRONG_HEADING = 3.0  # a specified heading, this many sd from the heading of the drive, is tested against it
 
 
 def with_right_heading(given: Aligned, found: Aligned) -> Aligned:

@@ -121,7 +121,7 @@ class FilterInput:
         return replace(self, imu=self.imu.rows(rows), starts=self.starts[number : number + 1])
 
     def apply_noise(self, found: NoiseEstimate) -> FilterInput:
-        """Copy with the estimated noise, except misalignments."""
+        """Return a copy with the estimated noise. The samples are not corrected for misalignments."""
         model = error_model(found.filter_spec, self.model.states)
         scaled = self.scale_sds(model, found.position_factor, found.velocity_factor)
         return replace(scaled.replace_correlated(found.correlated), model=model)

@@ -90,7 +90,7 @@ class Navigator:
             self._motion[10] = np.inf
         if not self._late.any():  # older velocities have other noise than the mean
             self._motion[17] = NOISY**2 * float(model.noise[3:6].sum()) / (2.0 * SEEN)
-        # newest samples wait; twice as many processed samples are kept
+        # The newest samples wait for later ones. Twice as many processed samples are kept, for means about fixes
         self._margin = MARGIN + int((SEEN + max(lag.moments) * abs(lag.value)) / nominal)
         self._last_good = start.time  # time of the last accepted position
         often = float(np.median(np.diff(ready.gps.time))) if ready.gps.time.shape[0] > 1 else 1.0

@@ -53,8 +53,8 @@ def errors_of_axes(
         return np.diff(at, axis=0, prepend=at[:1])
 
     turned, pushed = between(parts.gyro), between(parts.accel)
-    # The effect on gravity is a bias and is estimated as such: see `level_bias`. The effect on a mean rate is not: good
-    # gyros have far smaller biases.
+    # A misalignment turns gravity into an accelerometer bias, which the filter estimates: see `level_bias`. A mean rate
+    # times the misalignment is no such bias: it is far larger than the biases of good gyros.
     pushed[1:] -= pushed.sum(axis=0) * (np.diff(time) / (time[-1] - time[0]))[:, None]
     found = np.zeros((2 * len(TERMS), time.size, 9))
     for number, (i, j) in enumerate(TERMS):

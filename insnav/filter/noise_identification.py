@@ -216,18 +216,18 @@ def maximise(drives: Sequence[InnovationLikelihood]) -> DriveNoise:
     """Find the parameters of largest posterior density; several drives share one set."""
     posterior = Posterior(drives)
     white = posterior.middle.copy()
-    white[-2] = -np.inf
+    white[-2] = -np.inf  # log odds of the time-correlated share of position errors: none
     before = posterior.innovations(white)
     begun = _begun(posterior)
-    top, covariance, (e, s, cost) = posterior.find_top(begun)
+    top, covariance, (e, s, cost) = posterior.find_top(begun)  # e, s: innovations and their variances
     penalty = 0.0
     if any(p.key == "gps.velocity" for p in posterior.parameters):  # velocities may have a time-correlated error, too
         wider = Posterior([drive.with_correlated_velocities() for drive in drives])
-        sets, last = (top, begun, posterior.middle), len(VELOCITY_STARTS)
-        starts = [np.concatenate([at[:-2], each, at[-2:]]) for at in sets for each in VELOCITY_STARTS]
-        start, likely = wider.likeliest(starts[:-last])
-        if likely < cost:  # errors of positions and IMU may stand for those of velocities: the prior is a start, too
-            tops = [wider.climb(each) for each in (start, wider.likeliest(starts[-last:])[0])]
+        sets, count = (top, begun, posterior.middle), len(VELOCITY_STARTS)
+        starts = [np.concatenate([at[:-2], velocity, at[-2:]]) for at in sets for velocity in VELOCITY_STARTS]
+        start, start_cost = wider.likeliest(starts[:-count])
+        if start_cost < cost:  # position and IMU errors may have absorbed velocity errors: also start at the prior
+            tops = [wider.climb(each) for each in (start, wider.likeliest(starts[-count:])[0])]
             at, of_at, found = min(tops, key=lambda climbed: climbed[2][2])
             if found[2] < cost - VELOCITY_WORTH:
                 posterior, top, covariance, (e, s, cost), penalty = wider, at, of_at, found, VELOCITY_WORTH
@@ -247,12 +247,12 @@ def maximise(drives: Sequence[InnovationLikelihood]) -> DriveNoise:
             _figure(p, np.log(axes.size) if p.key.endswith("misalignment") else x, drive.prior)
             for p, x in zip(posterior.parameters, plausible.T, strict=True)
         ),
-        before[2] - cost,
-        float(np.mean(before[0] ** 2 / before[1])),
-        float(np.mean(e**2 / s)),
-        far_off,
-        (drive, top),
-        cost + penalty,
+        gain=before[2] - cost,
+        mean_before=float(np.mean(before[0] ** 2 / before[1])),
+        mean_after=float(np.mean(e**2 / s)),
+        far_off=far_off,
+        seen=(drive, top),
+        cost=cost + penalty,
     )
 
 

@@ -27,8 +27,8 @@ class SmoothedErrors:
     after: FloatArray  # (m, 21) error of the state after and before the measurement, estimate minus smoothed
     before: FloatArray
     covariance: FloatArray  # (m, 9, 9) of smoothed position, velocity and attitude
-    variance: FloatArray  # (m, 12) of the smoothed sensor errors
-    # (m, 25) of each fix, accepted or not, against filter and smoother; see `insnav.kernels.smoother.backward`
+    variance: FloatArray  # (m, 12) variances of the smoothed sensor errors
+    # (m, 25) innovations and smoothed residuals of all fixes, with variances; see `insnav.kernels.smoother.backward`
     innovations: FloatArray
 
 

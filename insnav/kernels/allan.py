@@ -60,7 +60,7 @@ def mean_square_second_difference(x, factors, out):  # type: ignore[no-untyped-d
 
 @inner()
 def _phase_covariance(t, theta, time):  # type: ignore[no-untyped-def]
-    """Generalised autocovariance of the integrated noise at lag t >= 0, up to even polynomials of degree 2.
+    """Compute the autocovariance of the integrated noise at lag t >= 0, without terms that differences cancel: 1, t^2.
 
     theta: Q^2, N^2, B^2, K^2, variance of a Gauss-Markov process; `time` is the correlation time of the latter.
     """

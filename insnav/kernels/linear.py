@@ -47,7 +47,7 @@ def make_rows(count):  # type: ignore[no-untyped-def]
 
 @inner(forceinline=True)
 def padded(columns):  # type: ignore[no-untyped-def]
-    """Round up to whole turns of a vectorized loop: what remains of a loop runs one number at a time."""
+    """Round up to whole turns of a vectorized loop: the rest of a loop runs one number at a time."""
     return 8 * ((columns + 7) // 8)
 
 

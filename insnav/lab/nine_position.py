@@ -66,7 +66,7 @@ def products(force: FloatArray) -> FloatArray:
 
 
 def opposite_pairs(force: FloatArray, gravity: float) -> tuple[tuple[int, int] | None, ...]:
-    """Two positions with x, y, z along the vertical, up and down; None for an axis that has no such two.
+    """Find, for each axis x, y, z, the positions with this axis up and down: two indices, or None if one is missing.
 
     `force` (n, 3): ideal forces [m/s^2]. `gravity`: [m/s^2].
     """

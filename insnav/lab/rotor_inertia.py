@@ -158,11 +158,11 @@ def inertia_from_precession(
     if relative > WORST:
         raise InputError("lab.precession_slope", where=where, slope=fit.value[0], slope_sd=fit.sd[0])
     warnings = _suspicions(fit, period, rate, Code.ROTOR_PRECESSION_ORIGIN)
-    half = value * relative * calibration.coverage_factor(fit.dof)
+    half_width = value * relative * calibration.coverage_factor(fit.dof)
     if powers is not None and np.any(np.abs(powers.value[1:] - [1.0, -1.0]) > powers.half_width(0.99)[1:]):
         (first, second), (first_sd, second_sd) = powers.value[1:], powers.sd[1:]
         warnings += (Finding.of(Code.ROTOR_POWERS, torque=first, torque_sd=first_sd, spin=second, spin_sd=second_sd),)
-    return Inertia("precession", value, value * relative, half, fit, period, rate, warnings, powers)
+    return Inertia("precession", value, value * relative, half_width, fit, period, rate, warnings, powers)
 
 
 def _powers(period: FloatArray, rate: FloatArray, mass: FloatArray) -> Fit | None:

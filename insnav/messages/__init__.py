@@ -258,7 +258,7 @@ def _shown(value: Any, spec: str, how: _Form) -> str:
 
 
 def _error(error: ErrorFacts, spec: str, lang: str) -> str:
-    """Write an error in one line after its location: fact and evidence for ``reason``, only advice for ``fix``."""
+    """Write an error in one line. ``reason``: location, fact and evidence. ``fix``: only the advice. Else all parts."""
     parts = {"reason": ("what", "why"), "fix": ("fix",)}.get(spec, ("what", "why", "fix"))
     texts = [render_error(error.code, part, dict(error.values), lang) for part in parts]
     text = form("joint", lang).join(" ".join(each.split()) for each in texts if each)

@@ -136,8 +136,8 @@ def standard_error(value: FloatArray, *, pieces: bool) -> tuple[float, float]:
     means = value[block_rows(n, length, _SAMPLES, _SEED, circular=False)].mean(axis=1)
     # the bootstrap variance of few blocks is too small, by the share of its own estimate
     error = float(np.std(means) * np.sqrt(n / (n - length)))
-    # correlation beyond a block is not detected. A first-order autoregression is assumed, whose coefficient is biased
-    # low by about (1 + 3 r) / n (Kendall, Biometrika 41 (1954) 403-404)
+    # Blocks miss correlation over longer times. A first-order autoregression with coefficient r includes it. The
+    # estimate of r is too low by about (1 + 3 r) / n (Kendall, Biometrika 41 (1954) 403-404)
     centred = value - value.mean()
     r = float(centred[1:] @ centred[:-1]) / max(float(centred @ centred), 1e-300)
     r = min(max(r + (1.0 + 3.0 * r) / n, 0.0), MOST_ALIKE)

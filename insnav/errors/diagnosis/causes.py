@@ -163,7 +163,7 @@ class EndAxis:
     # (3,) initial velocity [m/s], acceleration [m/s^2], jerk [m/s^3], each as the only cause; and their sd
     alone: FloatArray
     sd: FloatArray
-    left: FloatArray  # (3,) unexplained remainder of each cause, in standard deviations of the reference
+    left: FloatArray  # (3,) error that each cause alone leaves unexplained, in sd of the reference
     terms: tuple[str, ...]  # the fewest of t, t², t³ that explain both errors; if two, any two do
 
     @property

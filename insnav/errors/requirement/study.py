@@ -342,7 +342,7 @@ class Coasting:
     error: float  # at the time of the requirement, at its probability [m]
     least: float  # lower bound with undocumented figures as zero [m]
     answer: Answer
-    curve: FloatArray  # (m,) at the times of the study [m]
+    curve: FloatArray  # (m,) error at the required probability, at the times of the study [m]
     reaches: tuple[float, ...]  # times at which it exceeds each of `LIMITS` [s]; infinite if never
 
 

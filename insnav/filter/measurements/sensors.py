@@ -256,7 +256,7 @@ class Speedometer(Odometer):
 
     @classmethod
     def from_drive(cls, first: FirstPass) -> tuple[Self | None, Finding | None]:
-        """See `Measurement`."""
+        """Calibrate a speed log by the forward speed: clock offset, outliers, lag and scale factor."""
         log = first.logs.get(cls.name)
         if log is None:
             return None, None
@@ -279,7 +279,7 @@ class Speedometer(Odometer):
         wrong = _outliers(first.forward, shown, rows)
         if (share := float(wrong.sum() / rows.sum())) > MOST_OUTLIERS:
             return None, Finding.of(Code.SPEEDOMETER_OUTLIERS, share=share, limit_share=MOST_OUTLIERS)
-        rows &= ~_spread(wrong, round(2.0 * LOG_LAGS[-1] / first.step))
+        rows &= ~_spread(wrong, round(2.0 * LOG_LAGS[-1] / first.step))  # the longest lag before and after each
         found, note = cls.fitted(first, rows, time, speed, offset + LOG_LAGS)
         if found is not None and "sd" in log.values:
             reported = float(np.nanmedian(log.values["sd"][known]))

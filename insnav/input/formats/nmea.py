@@ -136,7 +136,7 @@ class _Log:
 
     def _zda(self, epoch: dict[str, float], words: list[str]) -> None:
         day, month, year = (int(_number(word, 0.0)) for word in words[2:5])
-        late = _time_of_day(words[1]) - epoch["time"]  # the date may follow midnight, the fix precede it
+        late = _time_of_day(words[1]) - epoch["time"]  # ZDA after midnight, fix before: one day less
         epoch["date"] = _day(year, month, day) - (late < -_HALF_DAY)
 
     def _hdt(self, epoch: dict[str, float], words: list[str]) -> None:

@@ -380,7 +380,7 @@ def _velocity_unit(fit: Fit | None, found: Mapping[str, Found], name: str) -> tu
 
 
 def _mirrored(fit: Fit, found: Mapping[str, Found]) -> dict[str, Any]:
-    """Return the columns with inverted sign: velocities, or the positions compared."""
+    """Return the headers of velocities that contradict the positions in sign, and of these positions."""
     wrong = [pair for pair, sign in zip((("vn", "lat"), ("ve", "lon")), fit.signs, strict=True) if sign < 0.0]
     headers = [tuple(found[key].header if key in found else key for key in keys) for keys in zip(*wrong, strict=True)]
     return dict(zip(("velocities", "positions"), headers, strict=True))

@@ -163,8 +163,8 @@ class Turns:
     """The record prepared for integration between poses."""
 
     parts: Intervals  # gyros and accelerometers in the unit of the record
-    start: IntArray  # (m,) number of the first interval of each turn
-    end: IntArray  # (m,) number of the interval after its last one
+    start: IntArray  # (m,) index of the first sample interval of each turn
+    end: IntArray  # (m,) index of the first sample interval after each turn
     moving: IntArray  # (k,) intervals inside turns: stationary intervals are not integrated
     use: BoolArray  # (m,) turns with all samples present and in range
 

@@ -31,7 +31,7 @@ def page(result: Result[FineAlignment]) -> Page:
     found = result.found
     sd = None
     if result.imu_model is not None:
-        # tilt of the measured Earth rate by the gyro bias, at most a right angle [rad]
+        # sd of the tilt of the measured Earth rate by gyro bias, at most a right angle [rad]
         sd = min(float(np.max(gyro_bias_sd(result.imu_model[0].gyro))) / OMEGA_EARTH, 0.5 * np.pi)
     steps, warnings = _steps(found), tuple(_warnings(found, sd))
     known = np.isfinite((found.fine or found.coarse).sd[2])

@@ -402,7 +402,7 @@ def _differing(
     """Build a logarithmic panel with a line per integrator; backward, which may coincide with forward, is dashed."""
     # they agree to the last bit, as at rest, if no top is above zero
     tops = [float(line.max()) for line in lines.values() if line.size and line.max() > 0.0] or [_SMALLEST]
-    # the powers of ten that contain the final values, not their initial zero
+    # powers of ten around the largest value of each line: errors start at zero, which has no logarithm
     low = 10.0 ** np.floor(np.log10(max(min(tops) / 100.0, _SMALLEST)))
     limits = low, max(100.0 * low, 10.0 ** np.ceil(np.log10(max(tops))))
     curves = tuple(

@@ -207,7 +207,7 @@ class Rise:
         return self.rate * self.ramp * (begin - end)
 
 
-Course = Callable[[FloatArray], FloatArray]  # over the time since the beginning of the move [s]
+Course = Callable[[FloatArray], FloatArray]  # function of the time since the beginning of the move [s]
 
 _FINE = 2001  # instants for the integration of a height
 _TRANSITION = 0.5  # shortest time to begin or end a turn [s]
