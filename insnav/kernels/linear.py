@@ -3,7 +3,7 @@
 The states are navigation errors (9), sensor errors (12), further errors that may act on navigation, and others. The
 last nine are fault states: offset of the positions (3), drift of this offset (3), offset of the velocities (3).
 Errors are estimate minus truth: ``e_k = F_k e_{k-1} + w_k``, ``z_k = H_k e_k + v_k``.
-Functions take the same groups of arrays, for m epochs and n states, up to `WIDE`.
+Functions take the same groups of arrays, for m epochs and n states.
 
 - `system`:
   - span (m,) [s];
@@ -33,16 +33,15 @@ from insnav.kernels import inner, njit
 from insnav.kernels.dynamics import NAV
 from insnav.kernels.errorstate import STATES
 
-BLOCKS, WIDE = 8, 72  # so many blocks of nine rows or columns; states at most: compilers like known sizes
 NO_POSITION, NO_VELOCITY = 1, 2  # bits: offset and drift of positions are over; the offset of velocities is over
 
 
 @inner(forceinline=True)
-def make_rows(count):  # type: ignore[no-untyped-def]
-    """Zeros (count, WIDE) from the start of a cache line on, as loads across two lines take longer."""
-    flat = np.zeros(count * WIDE + 7)
+def make_rows(count, width):  # type: ignore[no-untyped-def]
+    """Zeros (count, width) from the start of a cache line on, as loads across two lines take longer."""
+    flat = np.zeros(count * width + 7)
     first = -(flat.ctypes.data // 8) % 8
-    return flat[first : first + count * WIDE].reshape(count, WIDE)
+    return flat[first : first + count * width].reshape(count, width)
 
 
 @inner(forceinline=True)
@@ -149,10 +148,11 @@ def forward(system, measured, start, jumps, out):  # type: ignore[no-untyped-def
     (z, h, var, fed), (q, qd), (row, jump) = measured, system[3:5], jumps
     innovation, variance, gain, told, mean_told, p_told = out
     (m, n), s = fed.shape, system[1].shape[2]
-    assert n <= WIDE
-    p, ft, w, f = make_rows(WIDE), make_rows(WIDE), make_rows(NAV), make_rows(NAV)
-    mean, ph, hs, d = make_rows(1), make_rows(6), make_rows(1), np.zeros(WIDE)
-    p9, ft9, of_s = p.reshape(BLOCKS, NAV, WIDE), ft.reshape(BLOCKS, NAV, WIDE), -(-s // NAV)
+    blocks, of_s = -(-n // NAV), -(-s // NAV)
+    size = padded(NAV * blocks)
+    p, ft, w, f = make_rows(NAV * blocks, size), make_rows(NAV * of_s, 16), make_rows(NAV, size), make_rows(NAV, size)
+    mean, ph, hs, d = make_rows(1, size), make_rows(6, size), make_rows(1, size), np.zeros(size)
+    p9, ft9 = p.reshape(blocks, NAV, size), ft.reshape(of_s, NAV, 16)
     nav, moved = np.empty((NAV, 16)), np.empty((1, 16))
     mean[0, :n], p[:n, :n] = start
     live, following, total, full = n, 0, 0.0, padded(n)
@@ -245,12 +245,12 @@ def backward(system, measured, out, rows, r, info, u, uu, told, driven):  # type
     """
     h, q, (innovation, variance, gain, numbers, mean_told, p_told) = measured[1], system[3], out
     m, s, left, whole, n = u.shape[0], system[1].shape[2], rows.shape[0] - 1, system[2].shape[1], r.shape[1]
-    assert whole <= WIDE
     wide, short, blocks = padded(n), padded(s), -(-n // NAV)
-    p, t, f, score = make_rows(WIDE), make_rows(NAV), make_rows(NAV), make_rows(1)
-    x, hs, ks = make_rows(3), make_rows(3), make_rows(3)
-    p9, t9, f9 = p.reshape(BLOCKS, NAV, WIDE), t.reshape(1, NAV, WIDE), f.reshape(1, NAV, WIDE)
-    d, seen = np.zeros(WIDE), np.empty(WIDE, np.int64)  # d of navigation stays zero
+    size = padded(NAV * blocks)
+    p, t, f = make_rows(NAV * blocks, size), make_rows(NAV, size), make_rows(NAV, size)
+    x, hs, ks, score = make_rows(3, size), make_rows(3, size), make_rows(3, size), make_rows(1, size)
+    p9, t9, f9 = p.reshape(blocks, NAV, size), t.reshape(1, NAV, size), f.reshape(1, NAV, size)
+    d, seen = np.zeros(max(whole, size)), np.empty(size, np.int64)  # d of navigation stays zero
     for k in range(m - 1, -1, -1):
         for first in (3, 0):
             u[k, first : first + 3] = uu[k, first : first + 3] = 0.0
@@ -343,12 +343,11 @@ def cross(system, measured, out, info, at, g, last):  # type: ignore[no-untyped-
     Of epochs a < b it is g' L' info_b g if `at` is b, its transpose if `at` is a; `info` is from `backward`. L is the
     closed-loop transition from a to b, both just before the measurement. Other epochs are zero.
     """
-    (n, size), d, nav, way = g.shape, np.zeros(WIDE), np.zeros((1, WIDE)), 1 if last > at else -1
-    x, y, f, ft = make_rows(NAV), make_rows(NAV), make_rows(NAV), make_rows(WIDE)
-    hs, ks, f9, ft9 = make_rows(6), make_rows(6), f.reshape(1, NAV, WIDE), ft.reshape(BLOCKS, NAV, WIDE)
-    s = system[1].shape[2]
-    wide, short, of_s = padded(n), padded(s), -(-s // NAV)
-    found = np.zeros((system[0].shape[0], size, size))
+    (n, size), (m, _, s), way = g.shape, system[1].shape, 1 if last > at else -1
+    wide, short, of_s, found = padded(NAV * -(-n // NAV)), padded(s), -(-s // NAV), np.zeros((m, size, size))
+    x, y, f, ft = make_rows(NAV, wide), make_rows(NAV, wide), make_rows(NAV, wide), make_rows(NAV * of_s, 16)
+    hs, ks, nav, d = make_rows(6, wide), make_rows(6, wide), make_rows(1, wide), np.zeros(wide)
+    f9, ft9 = f.reshape(1, NAV, wide), ft.reshape(of_s, NAV, 16)
     x[:size, :n] = y[:size, :n] = g.T
     if way < 0:
         combine(g, info[at], x)
