@@ -32,7 +32,7 @@ _NAMED = "numba.cpython.numbers", "numba.np.arrayobj", "numba.np.npyimpl"
 
 
 class _Rebuilt(CompileResultCacheImpl):
-    """Loading of a kernel from its machine code: its bitcode is parsed only to compile another kernel with it."""
+    """Loader of compiled kernels. It parses the bitcode of a kernel only to compile another kernel that calls it."""
 
     def rebuild(self, target_context: Any, payload: Any) -> Any:
         (name, kind, (code, bitcode)), entry, *rest = payload

@@ -150,9 +150,9 @@ def forward(system, measured, start, jumps, out):  # type: ignore[no-untyped-def
     (m, n), s = fed.shape, system[1].shape[2]
     blocks, of_s = -(-n // NAV), -(-s // NAV)
     size = padded(NAV * blocks)
-    p, ft, w, f = make_rows(NAV * blocks, size), make_rows(NAV * of_s, 16), make_rows(NAV, size), make_rows(NAV, size)
+    p, ft, w, f = make_rows(size, size), make_rows(NAV * of_s, 16), make_rows(NAV, size), make_rows(NAV, size)
     mean, ph, hs, d = make_rows(1, size), make_rows(6, size), make_rows(1, size), np.zeros(size)
-    p9, ft9 = p.reshape(blocks, NAV, size), ft.reshape(of_s, NAV, 16)
+    p9, ft9 = p[: NAV * blocks].reshape(blocks, NAV, size), ft.reshape(of_s, NAV, 16)
     nav, moved = np.empty((NAV, 16)), np.empty((1, 16))
     mean[0, :n], p[:n, :n] = start
     live, following, total, full = n, 0, 0.0, padded(n)
@@ -247,9 +247,9 @@ def backward(system, measured, out, rows, r, info, u, uu, told, driven):  # type
     m, s, left, whole, n = u.shape[0], system[1].shape[2], rows.shape[0] - 1, system[2].shape[1], r.shape[1]
     wide, short, blocks = padded(n), padded(s), -(-n // NAV)
     size = padded(NAV * blocks)
-    p, t, f = make_rows(NAV * blocks, size), make_rows(NAV, size), make_rows(NAV, size)
+    p, t, f = make_rows(size, size), make_rows(NAV, size), make_rows(NAV, size)
     x, hs, ks, score = make_rows(3, size), make_rows(3, size), make_rows(3, size), make_rows(1, size)
-    p9, t9, f9 = p.reshape(blocks, NAV, size), t.reshape(1, NAV, size), f.reshape(1, NAV, size)
+    p9, t9, f9 = p[: NAV * blocks].reshape(blocks, NAV, size), t.reshape(1, NAV, size), f.reshape(1, NAV, size)
     d, seen = np.zeros(max(whole, size)), np.empty(size, np.int64)  # d of navigation stays zero
     for k in range(m - 1, -1, -1):
         for first in (3, 0):
