@@ -120,6 +120,16 @@ def test_novatel_text(save):
     assert np.allclose(data.position_sd, [0.1, 0.2, 0.3])
 
 
+@pytest.mark.parametrize(
+    ("kind", "fix"), [("IONOFREE_FLOAT", 2.0), ("INS_PPP_BASIC_CONVERGING", 4.0), ("INS_PPP_BASIC", 4.0)]
+)
+def test_novatel_positions_of_every_type_are_fixes(save, kind, fix):
+    """OEM7 Commands and Logs Reference Manual, position or velocity type: 33, 79 and 80."""
+    read = read_gps(save(logs.novatel_ascii(kind=kind)))
+    assert (read.data.fix == fix).all()
+    assert any(each.code is Code.READ_FUSED for each in read.facts.evidence) is kind.startswith("INS")
+
+
 def test_pymavlink_reads_the_same_dataflash(save):
     reader = pytest.importorskip("pymavlink.DFReader")
     log = reader.DFReader_binary(str(save(logs.dataflash())))

@@ -145,7 +145,7 @@ def novatel(
     return b"".join(part for _, part in sorted(parts))
 
 
-def novatel_ascii(fixes: Motion = FIXES, motion: Motion | None = None) -> bytes:
+def novatel_ascii(fixes: Motion = FIXES, motion: Motion | None = None, kind: str = "NARROW_INT") -> bytes:
     """The same as text: BESTPOSA and BESTVELA, and RAWIMUSA if there are samples."""
     lines = []
     for t, w, f in zip(*((motion.t, motion.gyro, motion.accel) if motion else ((), (), ())), strict=True):
@@ -157,7 +157,7 @@ def novatel_ascii(fixes: Motion = FIXES, motion: Motion | None = None) -> bytes:
         lines.append(f"%{body}*{_crc32(body.encode()):08x}\r\n")
     for t, lla, v in zip(fixes.t, fixes.lla, fixes.v_n, strict=True):
         head = f"COM1,0,60.0,FINESTEERING,{WEEK},{TOW + t:.3f},02000000,cdba,16248"
-        place = f"SOL_COMPUTED,NARROW_INT,{lla[0]:.11f},{lla[1]:.11f},{lla[2] - 30.0:.4f},30.0000,WGS84,0.1,0.2,0.3"
+        place = f"SOL_COMPUTED,{kind},{lla[0]:.11f},{lla[1]:.11f},{lla[2] - 30.0:.4f},30.0000,WGS84,0.1,0.2,0.3"
         course, speed = np.degrees(np.arctan2(v[1], v[0])) % 360.0, np.hypot(*v[:2])
         for name, text in (
             ("BESTPOSA", f'{place},"AAAA",1.000,0.000,30,28,28,28,00,06,39,33'),
