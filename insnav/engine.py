@@ -37,7 +37,7 @@ _FORM = re.compile(r"processes(?::(?P<count>\d+))?|dask(?::(?P<address>.+))?|(?P
 _LEFT_BEHIND = "ignore:resource_tracker:UserWarning"
 _log = logging.getLogger(__name__)
 _STOPS = (signal.SIGINT, signal.SIGTERM)
-_one_at_a_time = threading.RLock()  # threads of a Dask worker share data between jobs
+_one_at_a_time = threading.RLock()  # jobs in threads of a Dask worker share data: one job at a time
 
 
 @dataclass(frozen=True, slots=True)

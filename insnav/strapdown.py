@@ -92,7 +92,7 @@ def intervals(imu: ImuData, nominal: float | None = None) -> Intervals:
     gaps = np.flatnonzero(spill.by_blocks(lambda then, before: then - before > least, start[1:], end[:-1]))
     gyro, accel = imu.gyro, imu.accel
     if gaps.size:
-        # rates are interpolated across a gap; the samples themselves keep every bit
+        # Rates are interpolated across a gap. Recorded increments are not converted to rates, to avoid rounding errors.
         length_of = end - start if imu.sampling == "increment" else np.ones(end.shape[0])
         at, new_gap, new_end, new = [], [], [], []
         for k in gaps:

@@ -287,7 +287,7 @@ def _from_rest(
 
 
 def _ends_before(parts: Intervals, gps: GpsData) -> float:
-    """Return the time by which the samples end before the fixes, NaN if it is short [s]."""
+    """Return the time from the last sample to the last fix [s], NaN up to `motion.SPAN`."""
     later = float(gps.time[-1] - parts.end[-1])
     return later if later > motion.SPAN else np.nan  # these fixes may show motion for a heading
 

@@ -41,7 +41,7 @@ SHARE = 0.3  # and least share of the shorter record
 # Turns and accelerations decorrelate over this time, unless their interval is longer. Single turns last as long, and
 # the correlation has a peak that wide [s]
 MEMORY = 2.0
-SURE = 15.0  # log-likelihood beyond chance, among all lags
+SURE = 15.0  # least log-likelihood gain over no correlation: chance does not reach it at any lag
 AS_TOLD = 0.3  # share of the best log-likelihood that zero offset needs to be accepted
 AS_LIKELY = 0.92  # the same, if nearly all offsets reach it: circles in wind and slow motion have no clear best
 JUDGED = 0.75  # least share of the fixes' motion that is compared at zero offset

@@ -32,7 +32,7 @@ CHANGING = 1.0 / 3.0  # changing share of the slip: crabbing and mounting are co
 FEWEST = 10  # epochs in this motion
 SUDDEN = 30.0  # no vehicle accelerates more [m/s^2]
 CLEAR_SD = np.deg2rad(20.0)  # of the direction of acceleration, beyond which it is not used
-TURNED, REVERSED = np.deg2rad(40.0), np.deg2rad(30.0)  # differences between course and acceleration, and from reverse
+TURNED, REVERSED = np.deg2rad(40.0), np.deg2rad(30.0)  # least acceleration-course angle; largest from pi if reversing
 
 
 @dataclass(frozen=True, slots=True)

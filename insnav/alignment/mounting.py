@@ -48,7 +48,7 @@ SCATTER = np.deg2rad(8.0)  # standard deviation of the yaw beyond which there is
 # prior log odds against each wrong column; posterior ones for a refusal, 95 %
 RARE, SURE = float(np.log(100.0)), float(np.log(19.0))
 FITS = 0.4  # largest unexplained share of the accelerations [-]
-SURE_SD = np.deg2rad(1.0)  # lower limit of the yaw sd, by slip and scale factors [rad]
+SURE_SD = np.deg2rad(1.0)  # smallest reported yaw sd, for sideslip and scale factor errors [rad]
 AS_IS = np.eye(3)
 # factors that convert gyros to one unit, if one of three or all have another unit
 OTHER_UNITS = [
@@ -62,9 +62,9 @@ OTHER_UNITS = [
 FASTEST, HARDLY = 12.0, np.deg2rad(1.0)
 CLOSER = 0.99  # ratio of misfits from which Gauss-Newton gains no more
 NUDGE = np.diag([1e-3, 1e-3, 1e-3, 0.02, 0.02, 0.02, 0.02])  # steps of its derivatives [rad/s], [m/s^2], [s]
-# prior sd of gyro bias [rad/s], accelerometer bias [m/s^2] and delay [s]. A bias rotates the accelerations of every
-# window, as the mounting does. At rest, gyro bias is observed, but may change by warm-up: by 0.07 deg/s on a recorded
-# flight
+# prior sd of gyro bias, with and without a stationary period [rad/s], accelerometer bias [m/s^2] and delay [s]. A bias
+# rotates the accelerations of every window, as the mounting does. Warm-up may change a gyro bias observed at rest: by
+# 0.07 deg/s on a recorded flight
 AT_REST, AT_ALL, FORCE_SD, DELAY_SD = np.deg2rad(0.1), np.deg2rad(0.5), 0.2, 1.0
 _DIRECTIONS = dict(zip("FBRLDU", np.repeat(np.eye(3), 2, axis=0) * np.tile([1.0, -1.0], 3)[:, None], strict=True))
 # right-handed and left-handed sets of axes by their letters

@@ -87,7 +87,7 @@ def platform() -> list[Check]:
 
 
 def orders() -> list[Check]:
-    """Check a straight line, and the error order over step size on a sine and a turn: the limits apply to all."""
+    """Check the integral of a line, and error orders on a sine and a turn. Order limits apply to all integrators."""
     x = np.linspace(0.0, 3.0, 31)
     line = tuple((name, abs(float(integral(x, 2.0 * x, name)[-1]) - 9.0)) for name in NAMES)
     sine = {each.integrator: each.order for each in sine_convergence()}

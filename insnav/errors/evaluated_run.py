@@ -52,7 +52,7 @@ _ACROSS = 0.02  # share of the signal about other axes that such sensors sense [
 _TURN_ON = 2.0  # multiple of the turn-on bias beyond plausibility: clean drives have 1.4, of navigation grade 4 [-]
 _ALONG, _MOVING = 0.5, 3.0  # resultant of a heading unrelated to the course (clean drives: 0.84), from a speed [m/s]
 _UNUSED = 0.3  # share of the fixes before the start of navigation without a finding
-_TURNED = 5.0 * DEG  # unnoticed heading error at rest [rad]
+_TURNED = 5.0 * DEG  # least reported heading error by a steady turn during the initial stationary period [rad]
 _PACE = 1.0  # averaging time of turns and accelerations, against vibration [s]
 _DATA_LOST = {
     Code.IMU_SATURATED: Code.RUN_SATURATED,

@@ -46,7 +46,7 @@ class Kind:
         return UNITS_OF[self.steps[0][0].rsplit(" ", 1)[0]] if self.steps else ""
 
     def cost(self, variance: FloatArray | float, interval: float) -> FloatArray:
-        """Compute -2 ln of the prior of a step at one epoch, by the variance of its size [-].
+        """Compute -2 ln of the prior of a step at one epoch: its rate, and log-normal size, from the size variance [-].
 
         `interval`: between epochs [s]. The constant of the normal density and the width of its peak nearly cancel.
         """

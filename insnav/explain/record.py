@@ -368,7 +368,7 @@ class LinearRecord:
         variance, inner = measured[2], (system, measured, out)
         score, information, u, uu, told, driven = run_back(inner, rows, alive)
         white = np.where(variance > 0.0, variance * (uu - u**2), 0.0).reshape(m, 2, 3).sum(axis=2)
-        slopes = np.column_stack([white, driven])  # by the logarithm of the variance of each block
+        slopes = np.column_stack([white, driven])  # derivatives of the cost by log variances of position, velocity, IMU
         counts = np.column_stack([(variance > 0.0).reshape(m, 2, 3).sum(axis=2), np.full(m, NAV)])
         first, kept = information[0] - np.outer(score[0], score[0]), (rows, score, information)
         slope = self._slope(noise, slopes.sum(axis=0), first, told[:, :, NAV:])

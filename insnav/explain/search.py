@@ -20,7 +20,7 @@ from insnav.explain.record import FAR, FIGURES, IMU, LEAST, TAILS, WEIGHTED, Lin
 from insnav.tabular import runs_of
 from insnav.types import BoolArray, FloatArray
 
-ACCEPT = 6.0  # gain below which two explanations count as equal: the error of the approximate evidence [-]
+ACCEPT = 6.0  # difference in -2 ln evidence below which explanations count as equal: its approximation error [-]
 GRADUATED = (300.0, 100.0, 30.0, 10.0, 3.0, 1.0)  # divisors of the squared residuals, from first to last pass
 AGAIN = (1.0,) * 4  # divisors for a fit that changes little
 CONVERGED = (1.0,) * 24  # the same, until the cost no longer decreases

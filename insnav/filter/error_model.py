@@ -77,7 +77,7 @@ class FilterState:
     covariance: FloatArray  # (n, n) of the error states
 
     def replace_further(self, place: int | slice, value: float) -> FilterState:
-        """Copy with another value at a place of `insnav.kernels.measurements`, such as `DELAY`."""
+        """Copy with a new value at an index of `insnav.kernels.measurements` from `FURTHER` on, such as `DELAY`."""
         estimated = np.concatenate([np.zeros(FURTHER), self.further])
         estimated[place] = value
         return replace(self, further=estimated[FURTHER:])
@@ -175,7 +175,7 @@ class StateBlock:
     name: str
     value: FloatArray  # (k,) at the start
     sd: FloatArray  # (k,) of its error at the start; empty for known values
-    time: FloatArray = field(default_factory=lambda: np.empty(0))  # (k,) correlation times [s]; empty for constants
+    time: FloatArray = field(default_factory=lambda: np.empty(0))  # (k,) correlation times [s]; empty if constant
 
 
 def blocks_of(receiver: Receiver) -> tuple[StateBlock, ...]:

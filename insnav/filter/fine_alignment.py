@@ -57,7 +57,7 @@ def fine_alignment(
     latitude = latitude_from_sensors(means)
     if not np.isfinite(coarse.sd[2]) or unexplained_rate(means, spec, float(lla[0])) > 0.0:
         return FineAlignment(coarse, None, latitude, float(lla[0]))
-    # the filter starts from the first part only, to use no data twice
+    # the first part gives the initial attitude. In records over 20 s, the filter uses only later samples
     first = min(end, begin + max(COARSE_TIME, COARSE_SHARE * (end - begin)))
     start = align_static(parts, spec, float(lla[0]), float(lla[2]), (begin, first), heading)
     if not np.isfinite(start.sd[2]):

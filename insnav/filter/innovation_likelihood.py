@@ -32,7 +32,7 @@ HUBER = 3.0  # innovations beyond so many standard deviations are de-weighted, t
 # remaining variance of clean innovations: 1 - 2 Q(3), the expectation of psi(u) u for standard normal u
 CLEAN = 0.9973
 FAR_OFF, FAR_OFF_SHARE = np.deg2rad(5.0), 0.1  # attitude error whose square matters [rad], in this share of a drive [-]
-SETTLING = 4  # the attitude of a filter settles in the first of so many parts of a drive [-]
+SETTLING = 4  # attitude settles in the first of so many equal parts of a drive, after a long initial stop [-]
 SENSELESS = 1e6  # implausibly large innovation by misalignment [m], [m/s]
 # Upper limits, unless the preset is larger. Consumer sensors have scale factors up to 0.03, biases up to 3 deg/s and
 # 0.5 m/s^2. Larger values would explain noise or faults by themselves.
@@ -133,7 +133,7 @@ class InnovationLikelihood:
         return InnovationLikelihood(self._ready, self.prior, noise)
 
     def doubted(self, noise: NoiseEstimate) -> InnovationLikelihood:
-        """Copy for a receiver with far too small reported sds: `noise` is the middle of the prior of position sds."""
+        """Copy for over-confident fixes, with the prior of position sds centred on `noise` times its white excess."""
         part, larger = copy(self), np.clip(noise.white, 1.0, ALIKE)
         middle = dict(zip(LEVELS, np.log(noise.position_factor[1:] * larger), strict=True))
         part.parameters = tuple(replace(p, middle=float(middle.get(p.key, p.middle))) for p in self.parameters)

@@ -242,7 +242,7 @@ class LateFixes:
         return v, late[:, None, None] * c, by_lever, c @ skew(whole - rate)
 
     def innovations(self, delay: FloatArray | float, drift: float, lag: float) -> FloatArray:
-        """Compute innovations and variances, (2, n), with a delay in the middle of the record [s], drift and lag.
+        """Compute innovations and variances, (2, n), for delay at mid-record [s], its drift [s/s] and velocity lag [s].
 
         `delay`: one value, or a value per fix.
         """

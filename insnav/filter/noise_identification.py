@@ -376,7 +376,7 @@ TOO_SMALL = 1.5  # mean normalised squared innovation with specified noise: corr
 ENOUGH_FOR_AXES = 900.0  # of the record, if only misalignments are estimated [s]
 WORTH_TURNING = 0.5  # of the attitude uncertainty: larger known effects of misalignment correct the samples
 UNDERSTATED = 2.0  # surely larger factors on reported sds, with their interval, are reported [-]
-NO_NOISE = 10.0  # factor from which this is more than a note on the receiver [-]
+NO_NOISE = 10.0  # larger factors are implausible: the advice then is to check scale, clock, axes and drive [-]
 FEET, ALIKE_IN_METRES = (2.7, 4.0), 2.0  # range of the height factor for feet (3.28), least ratio to horizontal
 FACTOR_WORTH = 0.1  # a smaller change of a standard deviation is not reported
 # suffix of SI names, by display unit
@@ -418,7 +418,7 @@ def _likelihood(ready: FilterInput, spec: ImuSpec) -> InnovationLikelihood | Non
     """Compute the innovations of a drive; None if it is too short, or the filter diverges."""
     if likelihood.thinned(ready.gps).time.shape[0] < FEWEST:
         return None
-    # where gates reject most fixes by their reported sd, accept all
+    # if the gates reject most fixes by their reported sd, repeat without the statistical gate
     for gates in (ready.gates, ready.gates.believing()):
         with suppress(DivergenceError):
             drive = _with_gates(ready, spec, gates)

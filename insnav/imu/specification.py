@@ -155,7 +155,7 @@ if TYPE_CHECKING:
 else:
     _KEYS = dict.fromkeys(term.key for term in TERMS)
     _FIELDS = [(key, FloatArray, field(default_factory=zeros)) for key in _KEYS]
-    _FIELDS.insert(2, ("correlation_time", float, math.inf))  # the field after the in-run bias, in stored results too
+    _FIELDS.insert(2, ("correlation_time", float, math.inf))  # after the in-run bias, also in stored results
     SensorSpec = make_dataclass("SensorSpec", _FIELDS, frozen=True, slots=True, namespace={"__module__": __name__})
 
 

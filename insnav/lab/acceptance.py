@@ -259,7 +259,7 @@ def _stability(
             warnings.append(Finding.of(Code.ACCEPTANCE_ONE_PART, subject=name, parts=each.parts, length_s=length))
     for each in found[::-1]:
         values = each.spread.values
-        if values.size >= 10:  # the longest that can show a trend
+        if values.size >= 10:  # the longest averaging time with enough values for a trend
             share = np.corrcoef(each.time, values)[0, 1] ** 2 if each.spread.sd > 0.0 else 0.0
             if share > TREND:
                 axis, length = channel.axis, each.length

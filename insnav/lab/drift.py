@@ -112,7 +112,7 @@ def _left_out(term: str, cause: FloatArray | None, columns: list[FloatArray], su
 
 
 def variance_inflation(residual: FloatArray, fitted: int) -> tuple[float, float]:
-    """Compute the variance inflation of residual means by correlation.
+    """Compute the factor by which correlated residuals increase the variance of their mean.
 
     For independent samples, the variance of the means of equal parts times their length equals the sample variance. The
     largest ratio over several lengths up to a twelfth of the record counts. Correlation beyond the parts is not

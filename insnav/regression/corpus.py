@@ -310,7 +310,7 @@ class RecordedSource:
         )
 
 
-Source = SimulatedSource | RecordedSource  # with digests of everything that determines the recordings
+Source = SimulatedSource | RecordedSource  # each has digests of all inputs that determine its recordings
 
 
 def source_of(case: SimulatedCase | RecordedCase, data: Path) -> Source:

@@ -263,7 +263,7 @@ def section_tables(section: Section, shown: Sequence[Show] = ("all",)) -> list[T
 
 
 def _rows_table(section: Section) -> Table:
-    """Format rows as cells; a unit shared by a column is in its heading unless in the title, others in cells."""
+    """Format rows as cells. Headings show the unit of a whole column unless the title does. Cells show mixed units."""
     found = [{each.key: each for whole in row for each in members(whole)} for row in section.rows]
     columns = list(dict.fromkeys(key for row in found for key in row))
     headings, shared = [], {}

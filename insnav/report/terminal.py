@@ -73,7 +73,7 @@ def _head(page: Page, width: int | None, room: float = math.inf) -> list[str]:
 
 
 def _first_rows(table: Table, width: int | None, room: int) -> list[str]:
-    """Write a table in `room` lines, else its first columns, and the number of other rows; nothing without two rows."""
+    """Fit a table into `room` lines. Else write first columns, some rows, and the count of others; else nothing."""
     lines, total = table_text(table, width).splitlines(), len(table.rows)
     for count in range(total, min(total, 2 if any(table.columns) else total) - 1, -1):
         if len(lines) > room:

@@ -152,7 +152,7 @@ def allan(
     progress: Callable[[float], None] = lambda fraction: None,
     **inputs: Unpack[SampleInputs],
 ) -> Result[StaticNoise] | Result[SignalNoise]:
-    """Compute the Allan deviation and the noise coefficients of a stationary IMU, or of plain signals.
+    """Compute Allan deviation and noise coefficients of a stationary IMU, or of signals in an array or file column.
 
     Parameters
     ----------

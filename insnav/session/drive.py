@@ -95,7 +95,7 @@ def load(
 def align(
     samples: Given | ImuData, gps: Given | GpsData | None = None, **inputs: Unpack[NamedInputs]
 ) -> Result[FineAlignment]:
-    """Align a static record; see `load` for the inputs, and `Drive.align`.
+    """Align a static record, as `Drive.align` does; see `load` for the inputs.
 
     Parameters
     ----------
@@ -304,7 +304,7 @@ class Drive:
 
     @property
     def ready(self) -> FilterInput:
-        """Filter at its start, with other aiding if the drive is navigated."""
+        """Filter input at the start; after navigation, with the other aiding that it used."""
         ready, solved = self.model.ready, self.model.solved
         assert ready is not None
         return ready if solved is None else solved.ready

@@ -83,7 +83,7 @@ def corrupt_imu(imu: ImuData, spec: ImuSpec, seed: Seed, *, temperature: FloatAr
         imu = replace(imu, temperature=np.asarray(temperature, dtype=np.float64))
     wrong = corrupt(imu, errors)
     dt = sample_intervals(imu)[:, None]
-    # Instantaneous noise equals the noise of the mean: a sensor's bandwidth is about its rate.
+    # An instantaneous sample has the noise of a mean: the sensor's bandwidth is about its sampling rate.
     span = dt if imu.sampling == "increment" else 1.0
     since = (imu.time - imu.time[0])[:, None]
     rate, force = np.asarray(imu.gyro / span), np.asarray(imu.accel / span)

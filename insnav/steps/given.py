@@ -82,7 +82,7 @@ def one_of(name: str, value: object, known: Sequence[object]) -> None:
 
 
 def vector(key: str, value: Sequence[float] | FloatArray | None) -> FloatArray | None:
-    """Return a lever arm ``(3,)`` in body axes [m]; None if unspecified."""
+    """Validate a lever arm or output point ``(3,)`` in body axes [m], and return it; None if unspecified."""
     if value is None:
         return None
     array = np.asarray(value, dtype=np.float64)

@@ -255,7 +255,7 @@ class WindowSettings:
     """Settings of the windows."""
 
     length: float = MINUTE  # of the windows [s]
-    # start of the first, after the start of navigation [s]; None: a minute, or less in a short drive
+    # start of the first window, after the start of navigation [s]; None: a minute, or less in a short drive
     first: float | None = None
     spacing: float | None = None  # interval between starts [s]; None: about sixty fit
     start: StartChoice = "forward"  # initial state; a smoothed state is not independent of the reference
@@ -488,7 +488,7 @@ def window_start_sources(budget: RecordedBudget) -> tuple[Source, ...]:
 
 
 def spec_in_windows(budget: RecordedBudget) -> ImuSpec:
-    """Return the errors that an IMU adds after the start of a window: noise, bias change, terms without filter states.
+    """Return the IMU errors that arise after the start of a window: noise, bias change, terms without filter states.
 
     In-run bias since the start is a random walk with the driving noise of the IMU file's Gauss-Markov process,
     ``2 sd^2 / T`` (Gelb 1974, section 3.6). This holds for times far below T. Accelerometer misalignment acts as a bias

@@ -51,8 +51,8 @@ class Curve:
     value: FloatArray
     covariance: FloatArray  # (3, 3) from noise and reference; infinite where not observable
     terms: tuple[str, ...]  # the fewest of `TERMS` that fit
-    # squared residual of all three terms over its expectation [-]: about 1 for such a curve and correct noise; ``NaN``
-    # without degrees of freedom
+    # reduced chi-square of the fit of all three terms [-]: about 1 if these terms and the covariance are correct;
+    # ``NaN`` without degrees of freedom
     roughness: float
 
     @property

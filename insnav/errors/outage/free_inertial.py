@@ -45,7 +45,7 @@ LEAST = 0.1  # least spacing [s]
 TURNED = np.deg2rad(15.0)  # largest heading change of a straight window [rad]
 REFERENCE_GAP = 10.0  # a reference interval longer than this and than three usual ones is a gap [s]
 IMU_GAP = 6  # successive lost samples that make a gap of the IMU record
-_UNDER_WAY = 1.0  # course is the direction of the velocity above this [m/s]
+_UNDER_WAY = 1.0  # least speed for a course from the velocity; at lower speed the course is interpolated [m/s]
 _SHARED = ("length", "spacing", "grid", "dropped", "uncalibrated")  # common fields of all `Windows`
 
 

@@ -161,7 +161,7 @@ class Measurement(Protocol):
         """Standard deviation of each component as white noise, (m,)."""
 
     def observe(self, at: FilterView, z: FloatArray, h: FloatArray) -> slice:
-        """Write predicted minus measured into `z`, (6,), and its derivative by the error states into `h`, (6, n).
+        """Fill rows of `z`, (6,), with predicted minus measured, and of `h`, (6, n), with their error-state Jacobian.
 
         Returns: the filled rows; the first of them corresponds to the first of `sd`.
         """

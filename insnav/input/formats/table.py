@@ -65,7 +65,7 @@ class Table:
     week: float | None = None  # GPS week of the time origin, if known
     axes: str = ""  # directions of the sensor's x, y, z in the format's definition; empty if undefined
     parts: Mapping[str, int] = field(default_factory=dict)  # columns, by header, that were combined into others
-    unusable: tuple[str, ...] = ()  # messages of the file with unusable samples
+    unusable: tuple[str, ...] = ()  # names of logs with unusable samples, in a file without usable samples
 
     def place(self, row: int, index: int | None = None) -> str:
         """Format ``file:line:column`` of a cell; rows are counted from 0."""

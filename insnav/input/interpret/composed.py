@@ -52,7 +52,7 @@ _ECHOED = {
     | {3: "status.status", 5: "lat", 6: "lon", 7: "height", **{8 + i: f"covariance[{i}]" for i in (0, 4, 8)}},
 }
 _EARTH = 6.33e6, 6.48e6  # distances from the Earth's centre, up to 100 km height [m]
-_SHARE = 0.9  # share of the rows with such positions
+_SHARE = 0.9  # least share of the rows with positions at these distances
 _HIGH = 2e4  # larger than map heights [m]; a northing may equal the Earth's radius, at 57.5 deg
 _TIME = tuple(each for each in IMU_SCHEMA if each.key == "time")
 

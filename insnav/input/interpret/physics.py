@@ -322,7 +322,7 @@ def stated_unit(quantity: str, unit: str) -> Finding:
 def check_axes(
     quiet: Quiet, axes: str | None, *, where: str, any_way: bool = False, by_format: bool = False
 ) -> Finding:
-    """Find the upward body axis, after applying `axes` (None: unspecified), and compare it with FRD.
+    """Find the vertical body axis, after applying `axes` (None: unspecified), and whether it points up or down.
 
     `by_format`: `axes` come from the format, not the user.
 

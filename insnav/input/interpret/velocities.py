@@ -25,7 +25,7 @@ _RISES = 5.0  # significance of a slope other than one between climb and vertica
 _FALLS = 3.0  # and of a negative slope: heights drift, and a flight before its start had -2.5
 _UP, _FEET = -1.0, 1.0 / 0.3048  # slope for a velocity up, and for heights in feet
 _NEAR, _CLEAR = 0.25, 4.0  # relative tolerance of the latter, and its significance above one, the slope of good drives
-# interval of changes for scales [s], their least size [m], and passes of outlier removal
+# interval of changes for scales [s], their least RMS [m], and passes of outlier removal
 _MOVE, _LEAST_MOVE, _TRIMMED = 8.0, 1.0, 3
 _LONG_ENOUGH = 60.0  # in a short start, lagging velocities show less motion [s]
 # least reported scale error, its significance, and variance factor for time-correlated errors

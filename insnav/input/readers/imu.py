@@ -314,7 +314,7 @@ def _choose(
         if dims & {"rate", "acceleration"} or sampling in ("mean", "instant"):
             units = tuple(f"{key}={unit}" for key, unit in given.items())
             raise ConfigError("input.units_against_sampling", where="imu-units", units=units, sampling=sampling or "")
-        # Columns with plain names contain increments if the user specifies that, by units or for columns without one.
+        # Plain columns are increments if the user gave such units, or for increment `sampling` if headers lack units.
         for rate, increment in zip(_RATES + _FORCES, _ANGLES + _VELOCITIES, strict=True):
             old = found.get(rate)
             if old is not None and increment not in found and (old.unit is None or dims):

@@ -74,7 +74,7 @@ def corrected(triad: Triad, measured: FloatArray) -> FloatArray:
 
 @dataclass(frozen=True, slots=True)
 class Normal:
-    """Analysis of the Jacobian of a least-squares problem."""
+    """Covariance, leverage, condition number and weakest parameters of a least-squares problem, from its Jacobian."""
 
     # (p, p) inverse of the normal matrix; the covariance of the parameters for residuals of unit variance
     inverse: FloatArray

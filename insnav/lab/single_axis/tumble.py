@@ -160,8 +160,8 @@ def calibrate_tumble(angle: FloatArray, output: FloatArray, *, where: str = "") 
 class Harmonics:
     """Fourier series of the output over the angle, ``a0 + sum a_n cos(n theta) + b_n sin(n theta)``."""
 
-    order: IntArray  # (m,) 0, 1, 2 and further as the positions allow, to `HIGHEST`
-    cosine: FloatArray  # (m,) a_n and their sd; in the unit of the output
+    order: IntArray  # (m,) orders of the harmonics: 0, 1, 2 and more if the positions suffice, up to `HIGHEST`
+    cosine: FloatArray  # (m,) a_n, in the unit of the output, as are b_n and sd
     sine: FloatArray  # (m,) b_n, zero of order 0
     sd: float  # of each of these but a0, from the residual; NaN without one
     model: FloatArray  # (4,) K0, K1, K2, K3 by the harmonics alone

@@ -23,7 +23,7 @@ CALIBRATED, UNCALIBRATED = "calibrated", "uncalibrated"
 CAUSE_UNITS = {"velocity": "mm/s", "acceleration": "mg", "drift": "deg/h"}
 GROWS = {"velocity": "t", "acceleration": "t²", "drift": "t³"}
 _MRAD = 1e-3
-_ENOUGH_REPLICAS = 10  # number of replicas with a conclusive band
+_ENOUGH_REPLICAS = 10  # fewest replicas for a conclusive band
 
 
 def windows_sentences(budget: RecordedBudget) -> tuple[str, ...]:

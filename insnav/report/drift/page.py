@@ -166,7 +166,7 @@ def rates_csv(found: DriftStudy) -> str:
 
 
 def drift_panels(found: DriftStudy) -> tuple[Panel, ...]:
-    """Draw for each gyro the part at rest, Allan deviations, and the error on a rate ramp."""
+    """Draw three panels for each gyro: rate at rest, Allan deviation, and error on a rate ramp."""
     return tuple(panel for each in found.gyros for panel in _panels(found.record.time, each))
 
 

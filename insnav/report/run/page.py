@@ -118,7 +118,7 @@ def run_line(result: Result[EvaluatedRun]) -> str:
 
 
 def run_circles(found: EvaluatedRun, reference: str) -> tuple[str, ...]:
-    """Describe the distribution of the better solution's horizontal errors."""
+    """Describe horizontal errors by CEP50, R95 and maximum: smoothed, or filtered without smoothing."""
     for mode, errors in found.known_errors.items():
         size = errors.horizontal
         cep50, r95 = (number(float(np.percentile(size, share))) for share in (50.0, 95.0))

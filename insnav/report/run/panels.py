@@ -440,7 +440,7 @@ def _attitude(found: EvaluatedRun) -> tuple[Panel, ...]:
 
 
 def readable_heading(heading: FloatArray) -> tuple[FloatArray, bool]:
-    """Unwrap a heading in degrees if it turns little, else wrap to 0..360 with breaks at north."""
+    """Return a heading [rad] in degrees: unwrapped (True) within `_BEYOND` of 0..360, else wrapped with breaks."""
     smooth = np.degrees(np.unwrap(heading))
     if smooth.min() > -_BEYOND and smooth.max() < 360.0 + _BEYOND:
         return smooth, True

@@ -313,7 +313,7 @@ class _Planned(Segment):
 
 
 class Linear(_Planned):
-    """All axes in a straight line, from rest to rest."""
+    """Simultaneous, proportional motion of slide and table axes, from rest to rest."""
 
     x: SignedLength = 0.0
     y: SignedLength = 0.0
