@@ -371,7 +371,7 @@ def _cost(drive: InnovationLikelihood, at: FloatArray) -> float:
 
 
 NOT_LOST = 0.95  # least share of accepted fixes, compared with a run with resets; otherwise the run is lost
-MOST_REJECTED = 0.3  # least share of accepted fixes; otherwise the gates are wrong
+LEAST_ACCEPTED = 0.3  # least share of accepted fixes; otherwise the gates are wrong
 TOO_SMALL = 1.5  # mean normalised squared innovation with specified noise: correct noise gives up to 1.1 [-]
 ENOUGH_FOR_AXES = 900.0  # of the record, if only misalignments are estimated [s]
 WORTH_TURNING = 0.5  # of the attitude uncertainty: larger known effects of misalignment correct the samples
@@ -422,7 +422,7 @@ def _likelihood(ready: FilterInput, spec: ImuSpec) -> InnovationLikelihood | Non
     for gates in (ready.gates, ready.gates.believing()):
         with suppress(DivergenceError):
             drive = _with_gates(ready, spec, gates)
-            if drive.fixes >= max(FEWEST, MOST_REJECTED * drive.offered):
+            if drive.fixes >= max(FEWEST, LEAST_ACCEPTED * drive.offered):
                 return drive
     return None
 

@@ -95,6 +95,12 @@ def test_units_that_are_none(units):
         parse_units(units)
 
 
+def test_increments_of_the_gyro_alone_contradict_forces_with_a_unit(tmp_path):
+    """The forces became increments, too, and lost their unit."""
+    with refused(ConfigError, "input.rates_as_increments"):
+        read_imu(write(tmp_path / "a.csv", _scaled(1 / DEG), IMU_HEADER), units="gyro=deg")
+
+
 def test_no_gravity_at_all_is_refused(tmp_path):
     rows = _scaled(accel=5000.0)
     for header in (PLAIN, IMU_HEADER):

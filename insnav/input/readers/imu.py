@@ -310,22 +310,22 @@ def _choose(
 ) -> bool:
     """Decide whether to read increments; add plain columns to `found` as such. All columns must exist, or `some`."""
     dims = {ALL_UNITS[given[key]][0] for key in ("gyro", "accel") if key in given}
-    if sampling == "increment" or dims & {"angle", "velocity"}:
+    if specified := sampling == "increment" or bool(dims & {"angle", "velocity"}):
         if dims & {"rate", "acceleration"} or sampling in ("mean", "instant"):
             units = tuple(f"{key}={unit}" for key, unit in given.items())
             raise ConfigError("input.units_against_sampling", where="imu-units", units=units, sampling=sampling or "")
         # Plain columns are increments if the user gave such units, or for increment `sampling` if headers lack units.
         for rate, increment in zip(_RATES + _FORCES, _ANGLES + _VELOCITIES, strict=True):
             old = found.get(rate)
-            if old is not None and increment not in found and (old.unit is None or dims):
+            if old is not None and increment not in found and (old.unit is None or rate.partition("_")[0] in given):
                 quantity = next(q for q in IMU_SCHEMA if q.key == increment)
                 found[increment] = Found(quantity, old.index, old.header, None)
     has_rates = all(key in found for key in _RATES + _FORCES)
     has_increments = all(key in found for key in _ANGLES + _VELOCITIES)
-    increments = has_increments and (sampling == "increment" or not has_rates or bool(dims & {"angle", "velocity"}))
+    increments = has_increments and (specified or not has_rates)
     names = ("dtheta_x", "dvel_x") if increments else ("gyro_x", "accel_x")
     held: dict[str, Any] = {"file": table.name, "headers": tuple(found[key].header for key in names if key in found)}
-    if not increments and sampling == "increment" and has_rates:
+    if not increments and specified and has_rates:
         raise ConfigError("input.rates_as_increments", where="imu-sampling", **held)
     if increments and sampling in ("mean", "instant"):
         raise ConfigError("input.increments_as_rates", where="imu-sampling", **held)
