@@ -223,7 +223,7 @@ def forward(system, measured, start, jumps, out):  # type: ignore[no-untyped-def
                 ph[i, j] *= root
                 gain[k, i, j] = ph[i, j] * root
                 mean[0, j] += gain[k, i, j] * error
-        if var[k].max() > 0.0:
+        if max(var[k, 0], var[k, 1], var[k, 2], var[k, 3], var[k, 4], var[k, 5]) > 0.0:
             for a in range(live):
                 subtract_products(p, a, ph[:3], ph[:3], ph[3:], ph[3:], wide)
         mean[0, :n] -= fed[k]
