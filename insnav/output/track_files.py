@@ -184,10 +184,11 @@ def kml(track: Track) -> str:
 
 def geojson(track: Track) -> str:
     """Write GeoJSON (RFC 7946): a line, cut at the date line into pieces of two points or more, with their times."""
-    cuts = np.flatnonzero(np.abs(np.diff(track.degrees[:, 1])) > 180.0) + 1
-    pieces = [piece for piece in np.split(np.arange(len(track.trajectory.time)), cuts) if len(piece) > 1]
+    degrees = track.degrees
+    cuts = np.flatnonzero(np.abs(np.diff(degrees[:, 1])) > 180.0) + 1
+    pieces = [piece for piece in np.split(np.arange(len(degrees)), cuts) if len(piece) > 1]
     rows = np.array([row for piece in pieces for row in piece], dtype=int)
-    places = [[round(lon, 9), round(lat, 9), round(h, 3)] for lat, lon, h in track.degrees.tolist()]
+    places = [[round(lon, 9), round(lat, 9), round(h, 3)] for lat, lon, h in degrees.tolist()]
     times = [f"{t}Z" for t in np.datetime_as_string(track.utc[rows], unit="us")] if track.utc is not None else None
     feature = {
         "type": "Feature",
