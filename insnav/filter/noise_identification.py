@@ -170,8 +170,7 @@ class Posterior:
         """Climb, and again from a set beyond a barrier: one parameter changed by `BEYOND`, if that is more likely."""
         top = self.climb(at)
         while True:
-            cases = list(top[0] + BEYOND * np.vstack([np.eye(at.size), -np.eye(at.size)]))
-            best, cost = self.likeliest(cases)
+            best, cost = self.likeliest(list(top[0] + BEYOND * np.vstack([np.eye(at.size), -np.eye(at.size)])))
             if not cost < top[2][2]:  # or a cost is not a number
                 return top
             top = self.climb(best)
@@ -202,12 +201,8 @@ def _bent(curvature: FloatArray, step: FloatArray, change: FloatArray) -> FloatA
 
 def _begun(posterior: Posterior) -> FloatArray:
     """Find initial parameters: the most likely of several starts, by the first part of the record."""
-    of_fixes = np.array([p.key.startswith("gps.") for p in posterior.parameters[:-2]])
-    starts = [
-        np.concatenate([posterior.middle[:-2] + np.log(factor) * of_fixes, each])
-        for factor in UNDERSTATED_STARTS
-        for each in STARTS
-    ]
+    middle, gps = posterior.middle[:-2], np.array([p.key.startswith("gps.") for p in posterior.parameters[:-2]])
+    starts = [np.concatenate([middle + np.log(factor) * gps, each]) for factor in UNDERSTATED_STARTS for each in STARTS]
     short = Posterior([drive.beginning(SHORT) for drive in posterior.drives])
     return short.climb(short.likeliest(starts)[0], NEAR)[0]
 
@@ -323,13 +318,14 @@ def identify(drives: Sequence[InnovationLikelihood], kinds: Sequence[ImuSpec] = 
     drives = [drives[0], *(drive.of(drives[0].prior) for drive in drives[1:])]  # parameters are factors on one prior
     found = maximise(drives)
     doubtful = bool(np.min(found.white) > DOUBTED)
-    for first in (True, False):
-        if not (found.far_off or (first and doubtful)):
-            break
-        with suppress(DivergenceError):
+    with suppress(DivergenceError):
+        for first in (True, False):
+            if not (found.far_off or (first and doubtful)):
+                break
             again = [drive.again(found) for drive in drives]
-            if min(drive.fixes for drive in again) >= FEWEST:  # gates may reject all fixes with this noise
-                drives, found = again, maximise(again)
+            if min(drive.fixes for drive in again) < FEWEST:  # gates may reject all fixes with this noise
+                break
+            drives, found = again, maximise(again)
     if doubtful:
         drives = [drive.doubted(found) for drive in drives]
         found = maximise(drives)
