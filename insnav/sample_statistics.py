@@ -41,7 +41,7 @@ def rms_length(values: FloatArray) -> float:
     total = 0.0
     for at in range(0, len(values), 1 << 13):  # these fit in the cache
         total += sum(float(np.einsum("i,i->", column, column)) for column in values[at : at + (1 << 13)].T)
-    spill.release()
+    spill.release(len(values))
     if math.isfinite(total) and len(values):
         return math.sqrt(total / len(values))
     known = values[np.isfinite(values).all(axis=1)]

@@ -26,6 +26,7 @@ LARGE = 64 << 20  # bytes in memory of all arrays that are not small; others are
 SMALL = 1 << 20  # bytes; smaller arrays are always in memory
 ROWS = 1 << 16  # of a block
 _mapped: weakref.WeakSet[mmap.mmap] = weakref.WeakSet()
+_read = 0.0  # rows since memory was released
 _held: dict[int, int] = {}  # bytes of arrays in memory that are not small
 
 
@@ -99,9 +100,12 @@ def watched(memory: mmap.mmap) -> mmap.mmap:
     return memory
 
 
-def release() -> None:
-    """Release the memory of mapped files; their content stays."""
-    if hasattr(mmap, "MADV_DONTNEED"):
+def release(rows: float = math.inf) -> None:
+    """Release the memory of mapped files once `ROWS` rows are read: a call per file is slow. Their content stays."""
+    global _read
+    _read += rows
+    if _read >= ROWS and hasattr(mmap, "MADV_DONTNEED"):
+        _read = 0.0
         for memory in list(_mapped):
             memory.madvise(mmap.MADV_DONTNEED)
 
@@ -111,7 +115,7 @@ def blocks(rows: int, *, before: int = 0, size: int = 0) -> Iterator[slice]:
     size = size or ROWS
     for start in range(0, rows, size):
         yield slice(max(start - before, 0), min(start + size, rows))
-        release()
+        release(min(size, rows))
 
 
 def by_blocks(function: Callable[..., NDArray[Any]], *arrays: NDArray[Any]) -> NDArray[Any]:
@@ -152,7 +156,7 @@ def chosen(array: NDArray[Any], selection: NDArray[Any]) -> NDArray[Any]:
     """Select rows of an array by a mask, or by numbers."""
     numbers = np.flatnonzero(selection) if selection.dtype == np.bool_ else selection
     found = by_blocks(lambda some: np.asarray(array[some]), numbers)
-    release()
+    release(len(numbers))
     return found
 
 

@@ -203,3 +203,22 @@ def test_a_limit_that_the_libraries_do_not_fit_into_is_said(megabytes):
     assert done.returncode == 3
     assert f"{megabytes} MB" in done.stderr
     assert "ulimit -v unlimited" in done.stderr
+
+
+def test_small_blocks_do_not_pay_for_mapped_files(monkeypatch):
+    class Mapped:
+        releases = 0
+
+        def madvise(self, _):
+            self.releases += 1
+
+    memory = Mapped()
+    monkeypatch.setattr(spill, "_mapped", {memory})
+    spill.release()
+    array = np.zeros((spill.ROWS, 3))
+    for _ in range(100):
+        spill.chosen(array, np.arange(10))
+        assert [*spill.blocks(10)] == [slice(0, 10)]
+    assert memory.releases == 1
+    spill.chosen(array, np.arange(spill.ROWS))
+    assert memory.releases == 2

@@ -421,8 +421,7 @@ def _from_field(field_b: FloatArray, rph: FloatArray, known: BoolArray) -> tuple
 
     ``m_b = C_bn m_n + b`` with the constant field ``m_n`` and hard iron ``b`` is linear in both.
     """
-    c_nb = dcm_from_rph(rph)
-    some = c_nb[known]
+    some = dcm_from_rph(rph)[known]
     design = np.concatenate([np.swapaxes(some, 1, 2), np.broadcast_to(np.eye(3), some.shape)], axis=2).reshape(-1, 6)
     found = np.linalg.lstsq(design, field_b[known].reshape(-1), rcond=SINGULAR)[0]
     level = rph.copy()

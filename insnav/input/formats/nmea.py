@@ -187,8 +187,7 @@ def _place(words: list[str]) -> dict[str, float]:
         ("lat_deg", words[0], words[1], {"N": 1.0, "S": -1.0}),
         ("lon_deg", words[2], words[3], {"E": 1.0, "W": -1.0}),
     ):
-        value = _number(word)
-        degrees, minutes = divmod(value, 100.0)
+        degrees, minutes = divmod(_number(word), 100.0)
         limit = 90.0 if key == "lat_deg" else 180.0
         angle = degrees + minutes / 60.0
         found[key] = signs.get(side, np.nan) * angle if 0.0 <= angle <= limit and minutes < 60.0 else np.nan

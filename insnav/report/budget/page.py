@@ -369,8 +369,7 @@ def frame(result: Result[BudgetStudy]) -> DataFrame:
 
 def summary(budget: Budget) -> tuple[str, ...]:
     """Return summary sentences beyond the verdict."""
-    last = budget.chosen[-1]
-    total = budget.valid.total[last]
+    total = budget.valid.total[budget.chosen[-1]]
     down = "held to the reference" if budget.hold else f"{number(total[2])} m"
     return (f"Motion: {budget.motion}. North {number(total[0])} m, east {number(total[1])} m, down: {down}.",)
 

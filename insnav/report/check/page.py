@@ -139,8 +139,7 @@ def _gps(found: Checked) -> tuple[Section, ...]:
     if each is None:
         return ()
     types = ", ".join(f"{kind}: {count}" for kind, count in sorted(each.fix_types.items()))
-    items = of_table("check.gps", each, fix_types=types or None)
-    return (Section("gps", "GPS", items),)
+    return (Section("gps", "GPS", of_table("check.gps", each, fix_types=types or None)),)
 
 
 def _both(found: Checked) -> tuple[Section, ...]:
