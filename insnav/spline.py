@@ -1,11 +1,9 @@
-"""Cubic splines with not-a-knot ends, and non-negative least squares, without importing scipy's.
+"""Cubic splines with not-a-knot ends, without importing scipy.interpolate.
 
-Importing scipy.interpolate and scipy.optimize takes a fifth of a second, as long as navigating half an hour.
+That import takes a fifth of a second, as long as navigating half an hour.
 """
 
 from __future__ import annotations
-
-from itertools import combinations
 
 import numpy as np
 
@@ -70,20 +68,3 @@ def _slopes(h: FloatArray, rise: FloatArray) -> FloatArray:
         before, after, step = -before * down[0] / left, -after * up[1] / left, 2 * step
     start, end = (ends[0] - first * inner[0]) / h[1], (ends[1] - last * inner[-1]) / h[-2]
     return np.vstack([start, inner, end])
-
-
-def positive_parts(terms: FloatArray, values: FloatArray) -> tuple[FloatArray, float]:
-    """Fit `values` (n,) by few `terms` (n, k) with non-negative parts: parts (k,), and the misfit.
-
-    The result is the unconstrained fit of some subset of the terms: all subsets are tried.
-    """
-    count = terms.shape[1]
-    best, least = np.zeros(count), float(np.linalg.norm(values))
-    for size in range(1, count + 1):
-        for some in combinations(range(count), size):
-            parts = np.linalg.lstsq(terms[:, some], values, rcond=None)[0]
-            misfit = float(np.linalg.norm(values - terms[:, some] @ parts))
-            if (parts >= 0.0).all() and misfit < least:
-                best, least = np.zeros(count), misfit
-                best[list(some)] = parts
-    return best, least

@@ -11,6 +11,7 @@ Vibration is used only after the shift.
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
@@ -30,7 +31,7 @@ from insnav.filter.innovation_likelihood import HUBER
 from insnav.filter.late_fixes import BLOCKS, REACH, LateFixes
 from insnav.filter.navigate import feed
 from insnav.filter.navigator import Navigator
-from insnav.filter.noise_identification import SHORT, usual_time
+from insnav.filter.noise_identification import SHORT, usual_errors
 from insnav.filter.prepare import align_again
 from insnav.filter.receiver import Lag, Receiver
 from insnav.filter.smoother import History
@@ -122,10 +123,8 @@ def filtered(ready: FilterInput, *, starts: int | None = None) -> Filtered:
     gates = replace(ready.gates, reset_after=np.inf)
     receiver, lever_arm, lever_sd = ready.receiver, ready.receiver.lever_arm, ready.receiver.lever_arm.sd
     other = float(np.hypot(OPENED * lever_sd, np.linalg.norm(lever_arm.value)))
-    correlated = receiver.correlated
-    if correlated is not None and correlated.by_reported:  # its long time is uncertain, and a lag replaces it
-        correlated = replace(correlated, time=min(correlated.time, usual_time()))
     opened, delay = replace(lever_arm, sd=OPENED * lever_sd, shaken=other), replace(receiver.delay, settled=False)
+    correlated = receiver.correlated or usual_errors(ready.gps.position_sd)
     receiver = replace(receiver, lever_arm=opened, delay=delay, correlated=correlated)
     used = replace(ready.keep_history(), receiver=receiver, gates=gates)
     navigator = Navigator(used)
@@ -134,12 +133,13 @@ def filtered(ready: FilterInput, *, starts: int | None = None) -> Filtered:
         history = navigator.history()
         epochs = history.rows()
         again = with_surer_start(ready, history) if starts else None
-        if starts and again is None and ready.alignment.static is None:  # gates reject fixes after a bad start
-            other_run = Navigator(_doubted(_believed(used)))
-            feed(other_run, ready.imu)
-            again = with_surer_start(ready, other_run.history())
     except (DivergenceError, InputError):  # it diverged, perhaps to a pole
         return Filtered(ready, used, None, 0.0, np.inf, 0.0, lever_sd, np.inf, np.inf)
+    if starts and again is None and ready.alignment.static is None:  # gates reject fixes after a bad start
+        other_run = Navigator(_doubted(_believed(used)))
+        with suppress(DivergenceError, InputError):  # false fixes may lead a run without gates away
+            feed(other_run, ready.imu)
+            again = with_surer_start(ready, other_run.history())
     if again is not None:
         return filtered(again, starts=starts - 1)
     (arm, vibration), (arm_cov, vibration_cov) = navigator.levers()

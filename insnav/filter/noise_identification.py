@@ -449,20 +449,20 @@ def with_rest(ready: FilterInput, found: NoiseEstimate | None, assumed: ImuSpec)
     return replace(ready, starts=tuple(starts)).scale_sds(ready.model, np.ones(3), np.ones(3))
 
 
-def usual_time() -> float:
-    """Return the usual correlation time of positions, for drives that do not determine it [s]."""
-    middle, sd = likelihood.CORRELATION_TIME
-    return float(np.exp(middle + AVERAGED["gps.correlation_time"] * sd**2))
-
-
 def with_usual_noise(ready: FilterInput) -> tuple[FilterInput, tuple[Finding, ...]]:
     """Apply the usual time-correlated position errors, for a drive that does not determine them."""
     if ready.receiver.correlated is not None:
         return ready, ()
-    time, share = usual_time(), 1.0 / (1.0 + np.exp(-likelihood.SHARE[0]))
-    usual = CorrelatedNoise.of_fixes(share, time, ready.gps.position_sd)
-    note = Finding.of(Code.ESTIMATE_CORRELATED_USUAL, share=share, time_s=time)
+    usual = usual_errors(ready.gps.position_sd)
+    note = Finding.of(Code.ESTIMATE_CORRELATED_USUAL, share=usual.share, time_s=usual.time)
     return ready.replace_correlated(usual), (note,)
+
+
+def usual_errors(position_sd: FloatArray) -> CorrelatedNoise:
+    """Return the time-correlated errors of the prior, for position standard deviations (n, 3) [m]."""
+    middle, sd = likelihood.CORRELATION_TIME
+    time = float(np.exp(middle + AVERAGED["gps.correlation_time"] * sd**2))
+    return CorrelatedNoise.of_fixes(1.0 / (1.0 + np.exp(-likelihood.SHARE[0])), time, position_sd)
 
 
 def with_known_noise(
@@ -473,7 +473,6 @@ def with_known_noise(
     `lasting`: also estimate the time-correlated errors of positions. `sizes`: also all their standard deviations, where
     these are assumed.
     """
-    lasting &= sizes or ready.receiver.correlated is None
     needed = lasting or ready.model.axes_sd.any()
     known = known_likelihood(ready.beginning(ENOUGH_FOR_AXES), spec) if needed else None
     if known is None:
