@@ -235,7 +235,7 @@ def _pieces(track: Track, values: FloatArray) -> LineCollection:
 
 
 def _start_map(points: FloatArray, title: str, note: str, beside: float) -> tuple[Figure, Axes]:
-    """Create a map that contains points East, North (n, 2) [m]. `beside`: space for a colour bar to the right [inch]."""
+    """Create a map that contains points East, North (n, 2) [m]. `beside`: space for a colour bar, to the right [in]."""
     low, high = points.min(axis=0), points.max(axis=0)
     width, height = (max(float(size), _NARROWEST_M) for size in high - low)
     margin = 0.07 * max(width, height)
