@@ -59,7 +59,7 @@ def blank(width: float, height: float, title: str, note: str) -> Figure:
 
 
 def save(figure: Figure, path: Path, file_format: Literal["png", "svg"]) -> Path:
-    """Write a figure to a path without suffix, and return the file."""
+    """Write a figure to a file and return its path. `path`: without suffix."""
     file = path.with_name(f"{path.name}.{file_format}")
     if file_format == "svg":
         figure.savefig(file, metadata={"Date": None, "Creator": None})
@@ -78,7 +78,7 @@ def logarithmic(axis: Axis) -> None:
 
 
 def legend_above(axes: Axes, lift: float) -> None:
-    """Place the legend on one line above the upper right corner of a panel. `lift`: its height [panel heights]."""
+    """Place the legend on one line above the right corner of a panel. `lift`: height of its edge [panel heights]."""
     entries: dict[str, Any] = {}
     for handle, label in zip(*axes.get_legend_handles_labels(), strict=True):
         entries.setdefault(label, handle)
@@ -140,7 +140,7 @@ def draw_panel(axes: Axes, panel: Panel, mode: str = "", *, heading: bool = True
     for name in panel.log:
         logarithmic(axes.xaxis if name == "x" else axes.yaxis)
     if panel.ticks:
-        axes.set_xticks([at for at, _ in panel.ticks], [name for _, name in panel.ticks])
+        axes.set_xticks([position for position, _ in panel.ticks], [name for _, name in panel.ticks])
     axes.set_ylabel(panel.y_label)
     handles, labels = axes.get_legend_handles_labels()
     entries = dict(zip(reversed(labels), reversed(handles), strict=True))
@@ -225,7 +225,7 @@ def _draw_track(track: Track, title: str, note: str) -> Figure:
 
 
 def _pieces(track: Track, values: FloatArray) -> LineCollection:
-    """Split a track of n points into n - 1 line segments, coloured by the mean value (n,) of both ends."""
+    """Split a track of n points into n - 1 line segments, coloured by the mean of `values` (n,) at both ends."""
     points = np.column_stack((track.east, track.north))
     pieces = LineCollection(
         list(np.stack((points[:-1], points[1:]), axis=1)), cmap="cividis", linewidth=2.2, capstyle="round", zorder=2

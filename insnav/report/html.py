@@ -39,10 +39,7 @@ def filled(template: str, **values: Any) -> str:
 
 
 def page_html(page: Page, files: Mapping[str, Path]) -> str:
-    """Write a report as one self-contained HTML page.
-
-    `files`: image file of each figure by name; a figure without an image file is omitted.
-    """
+    """Write a report as one self-contained HTML page. `files`: images by figure name; other figures are omitted."""
     scripts, drawings = _scripts() if page.panels else (), [panel_data(each) for each in page.panels]
     with speaking(language(), page.names):
         words = catalogue(f"page.{language()}")["words"] | dict(_translations(drawings))

@@ -57,14 +57,14 @@ class Verdict:
 
 
 def by_warnings(sentence: str, findings: Sequence[Finding], without: tuple[Light, str]) -> Verdict:
-    """Build a verdict: at best "attention" with warnings, "bad" if unusable. `without`: light and reason without."""
+    """Build a verdict: with warnings at best "attention", if unusable "bad". `without`: light and reason otherwise."""
     warnings = [finding for finding in findings if finding.severity >= Severity.WARNING]
     if unusable := [finding for finding in warnings if finding.severity is Severity.UNUSABLE]:
         return Verdict("bad", render(unusable[0]).title, sentence)
     if not warnings or without[0] in ("attention", "bad"):
         return Verdict(*without, sentence)
-    title, more = render(warnings[0]).title, len(warnings) - 1
-    reason = phrase("page.more_warnings", title=title, count=more) if more else title
+    title, further = render(warnings[0]).title, len(warnings) - 1
+    reason = phrase("page.more_warnings", title=title, count=further) if further else title
     return Verdict("attention", reason, sentence)
 
 
@@ -138,7 +138,7 @@ class Page:
     summary: tuple[str, ...]  # the result in a few sentences
     sections: tuple[Section, ...]
     findings: tuple[Finding, ...] = ()  # most important first
-    method: tuple[str, ...] = ()  # how the quantities were computed, and from what
+    method: tuple[str, ...] = ()  # how the quantities were computed, and their sources
     at: At = moment  # function that writes times of the record in the texts of findings
     starts_at: float = 0.0  # origin of the times that `at` writes, in the time of the data [s]
     verdict: Verdict | None = None  # main result with its rating, at the top of the page
@@ -184,7 +184,7 @@ class Page:
 
     @property
     def embedded(self) -> tuple[FigureSpec, ...]:
-        """Figures that the page shows as images: only those sections without panels have them."""
+        """Figures that the page shows as images: the figures of sections without panels."""
         parts = (part for section in self.sections for part in _with_parts(section) if not part.panels)
         return tuple(figure for part in parts for figure in part.figures)
 
@@ -207,7 +207,7 @@ class Table:
 def one_each(key: str, title: str, items: Mapping[str, Sequence[Quantity]], first: str = "", note: str = "") -> Section:
     """Lay out the same quantities of several objects: in text a table row per object, in JSON a mapping by name.
 
-    `items`: object name to quantities; without them: no row, and null in JSON. `first`: heading of the names' column.
+    `items`: quantities by object name; an object without any has no row, and is null in JSON. `first`: names' heading.
     """
     absent = tuple(only_json("", Quantity(name, None)) for name, own in items.items() if not own)
     rows = tuple((Quantity("name", name, meaning=first), *own) for name, own in items.items() if own)
@@ -231,7 +231,7 @@ def drawn(name: str, caption: str, drawings: Iterable[Drawing], note: str = "", 
 
 
 def beside(*sections: Section) -> Section:
-    """Join sections of drawings, of which the first is a map, to one; a wide page keeps this map in view."""
+    """Join sections of drawings into one, with a map first; a wide page keeps the map in view next to the others."""
     panels, figures = (tuple(part for each in sections for part in getattr(each, k)) for k in ("panels", "figures"))
     return Section("", panels=panels, figures=figures)
 
@@ -327,12 +327,13 @@ def _value_text(each: Quantity) -> str:
         text = number(None)
     elif isinstance(value[0], str):
         text = ", ".join(plain_text(item) for item in value)
-    else:
+    else:  # numbers of an array; `sd` is an array too, or one value for all
         sds = np.broadcast_to(np.nan if sd is None else np.asarray(sd, dtype=np.float64), np.shape(value)).ravel()
         parts = zip(np.ravel(np.asarray(value, dtype=np.float64)), sds, strict=True)
         text = ", ".join(_with_sd(float(v), float(s), each) for v, s in parts)
     if each.interval is None or not np.isfinite(each.interval).all():
         return text
+    # the ends of the interval are rounded like the value
     has_sd = isinstance(sd, float) and np.isfinite(sd) and sd > 0.0
     low, high = (
         rounded(bound, sd) if has_sd else number(bound, each.digits) if bound else "0"

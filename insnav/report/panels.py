@@ -86,7 +86,7 @@ def thinned(time: FloatArray, value: FloatArray, bins: int = BINS) -> tuple[Floa
     is_break = np.isnan(blocks)
     low = np.argmin(np.where(is_break, np.inf, blocks), axis=1)
     high = np.argmax(np.where(is_break, -np.inf, blocks), axis=1)
-    gap = np.where(is_break.any(axis=1), np.argmax(is_break, axis=1), low)
+    gap = np.where(is_break.any(axis=1), np.argmax(is_break, axis=1), low)  # first NaN of each block, if there is one
     first = np.arange(len(blocks)) * length
     rows = np.unique(np.concatenate((first + low, first + high, first + gap, [len(time) - 1])))
     rows = rows[rows < len(time)]
@@ -134,14 +134,14 @@ def wrapped(heading: FloatArray) -> FloatArray:
 class Curve:
     """Line, band, cloud of points or set of bars. Curves of one name share a legend entry."""
 
-    name: str  # legend entry; empty: none
+    name: str  # legend entry; empty: no entry
     x: FloatArray  # (n,) horizontal positions; of bars: their right ends
     y: FloatArray  # (n,) vertical positions; of a band: its upper edge; of bars: row numbers, 0 at the top
     colour: str  # "#RRGGBB", from `insnav.report.style`; the page lightens it in its dark theme
     kind: Kind = "line"
     low: FloatArray | None = None  # (n,) lower edge of a band, or left ends of bars
     mode: str = ""  # position of the page's switch that shows the curve, such as "filtered"; empty: any position
-    # of points and bars: text on hover; of a thin line: label at its start; of another line: its name
+    # text on hover for points and bars, label at the start of a thin line, name written on another line
     text: tuple[str, ...] = ()
 
 
@@ -209,14 +209,14 @@ def over_time(
     colour), and the smallest range of this axis. `note`: explanation of the first panel.
     """
     clock = Clock.of(time)
-    at = clock(time)
+    axis_time = clock(time)
     return tuple(
         Panel(
             f"{link}_{title}".lower().replace(" ", "_"),
             title,
             label,
             clock.label,
-            tuple(Curve(name, at, values, colour) for name, values, colour in lines),
+            tuple(Curve(name, axis_time, values, colour) for name, values, colour in lines),
             link,
             "" if i else note,
             least=least,
@@ -277,7 +277,7 @@ def _panel(panel: Panel) -> dict[str, Any]:
 
 
 def limits_of(panel: Panel, mode: str) -> tuple[float, float] | None:
-    """Compute limits of the vertical axis for the curves visible at a position of the page's switch; None if none."""
+    """Compute limits of the vertical axis from the curves visible at a position of the page's switch; None without."""
     visible = [curve for curve in panel.curves if curve.mode in ("", mode)]
     return panel.limits or _robust(visible, "y" in panel.log, panel.least)
 

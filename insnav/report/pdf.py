@@ -32,7 +32,7 @@ def write_pdf(page: Page, file: Path, pages: Mapping[str, Sequence[str]], lines:
     `lines`: text lines of the tables.
     """
     head = (HEIGHT - _MARGIN) / HEIGHT
-    known = {each.name: each for each in page.figures}
+    figure_of = {each.name: each for each in page.figures}
     with drawing(), PdfPages(file, metadata={"CreationDate": None, "Creator": None, "Producer": None}) as pdf:
         for number, (title, names) in enumerate(pages.items(), 1):
             sheet = Figure(figsize=(WIDTH, HEIGHT))
@@ -41,7 +41,7 @@ def write_pdf(page: Page, file: Path, pages: Mapping[str, Sequence[str]], lines:
             top = HEIGHT - _MARGIN - 0.4
             if number == 1:
                 top = _first(sheet, page, top)
-            _figures(sheet, [known[name] for name in names if name in known][:2], top)
+            _figures(sheet, [figure_of[name] for name in names if name in figure_of][:2], top)
             foot = f"insnav {__version__}   page {number} of {len(pages) + -(-len(lines) // _ROWS)}"
             sheet.text(0.5, 0.35 / HEIGHT, foot, ha="center", fontsize=8.0, color="#555555")
             pdf.savefig(sheet)
@@ -52,10 +52,7 @@ def write_pdf(page: Page, file: Path, pages: Mapping[str, Sequence[str]], lines:
 
 
 def _first(sheet: Figure, page: Page, top: float) -> float:
-    """Write verdict, summary, warnings and figures of merit below the height `top` of a page [inch].
-
-    Returns: height of their lower edge above the bottom of the page [inch].
-    """
+    """Write verdict, summary, warnings and figures of merit below the height `top`; return their lower edge [inch]."""
     left = _MARGIN / WIDTH
     lines: list[tuple[str, str]] = []
     if page.verdict is not None:

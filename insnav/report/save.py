@@ -73,17 +73,14 @@ def explanation_line(found: Explanation) -> str:
 def _shown(row: Tried, items: tuple[Quantity, ...]) -> tuple[Quantity, ...]:
     """Build the row of a fault in the table on the page: its name, and its effect on the run in words."""
     fault, *size, left_out, moved = items
-    words = [phrase(f"explanation.{each.key}", count=each.value) for each in (left_out, moved) if each.value]
-    how = row.name if row.name in ("rough", "delay") else "corrected"
-    changed = words or [phrase(f"explanation.{how}")] * row.accepted
+    effects = [phrase(f"explanation.{each.key}", count=each.value) for each in (left_out, moved) if each.value]
+    key = row.name if row.name in ("rough", "delay") else "corrected"
+    changed = effects or [phrase(f"explanation.{key}")] * row.accepted
     return replace(fault, value=phrase(f"fault.{row.name}")), *size, Quantity("changed", changed)
 
 
 def page_facts(page: Page) -> dict[str, Any]:
-    """Convert a report to one nested dict for JSON: the sections, see `section_facts`, then texts and findings.
-
-    Keys of these: ``verdict`` if present, ``summary``, ``method``, ``findings``.
-    """
+    """Convert a report to one nested dict for JSON: sections, verdict if there is one, summary, method, findings."""
     facts = section_facts(page.sections)
     if page.verdict is not None:
         facts["verdict"] = {name: getattr(page.verdict, name) for name in ("light", "reason", "sentence")}
@@ -101,6 +98,7 @@ def section_facts(sections: Sequence[Section]) -> dict[str, Any]:
 
 
 def _put(facts: dict[str, Any], section: Section) -> None:
+    # without a key, the quantities go directly into the dict of the parent section
     content: dict[str, Any] = {} if section.key else facts
     for each in section.items:
         content |= each.facts()
@@ -116,6 +114,7 @@ def _put(facts: dict[str, Any], section: Section) -> None:
     if section.key.endswith("[]"):
         facts.setdefault(section.key.removesuffix("[]"), []).append(content)
         return
+    # several sections may have the same key: their quantities are merged
     old = facts.get(section.key, {})
     if section.rows and not section.keyed and not content:
         facts[section.key] = rows
@@ -208,7 +207,7 @@ def figure(result: Result[Any], name: str) -> Figure:
 def save_result(
     result: Result[Any], folder: RunFolder, *, figures: FigureFiles = "page", table_format: TableFormat = "csv"
 ) -> Path:
-    """Write a result into a folder and commit it. `folder`: entered, not committed. `figures`: see `write_page`."""
+    """Write all files of a result into an open folder, and commit it. `figures`: see `write_page`."""
     room = _room(result.kind)
     if hasattr(room, "read_found"):
         if result.explanation is not None:
@@ -269,7 +268,7 @@ def open_folder(folder: Path) -> Result[Any]:
         raise InputError("report.damaged", where=str(folder / FACTS_FILE), reason=str(error)) from error
     events = read_events(folder) if any(folder.glob("events.*")) else ()
     findings = tuple(dict.fromkeys((*stored, *events)))
-    found = _room(kind).read_found(folder, findings)
+    outcome = _room(kind).read_found(folder, findings)
     file, model = folder / "imu.toml", facts.get("imu_model")
     # the last finding describes the IMU model in use: an earlier one may describe only the prior of its estimate
     *_, chosen = (None, *of_code(stored, *MODEL_CHOICES))
@@ -277,7 +276,7 @@ def open_folder(folder: Path) -> Result[Any]:
         chosen = Finding.of(Code.STORED_TEXT, text=str(model.get("chosen", "")))
     imu_model = (load_imu(str(file)), chosen) if chosen is not None and file.is_file() else None
     explanation = read_stored(folder, EXPLANATION_FILE) if (folder / EXPLANATION_FILE).is_file() else None
-    return Result(kind, found, inputs, facts.get("configuration", {}), imu_model, findings, explanation=explanation)
+    return Result(kind, outcome, inputs, facts.get("configuration", {}), imu_model, findings, explanation=explanation)
 
 
 def _of_version_0_2(kind: str, facts: Mapping[str, Any]) -> tuple[Finding, ...]:
@@ -302,9 +301,9 @@ def write_page(
 ) -> Path:
     """Write figures, HTML page, ``run.json`` and text files of a report into a folder and commit it.
 
-    `folder`: entered, not committed. `metadata`: first part of ``run.json``: command, input, options. `texts`: contents
-    of further files by name, such as ``calibration.toml``. `figures`: "page" writes files of the figures on the page,
-    "png" or "svg" of all figures, "none" neither figures nor page. `facts`: content of ``run.json``; None: from `page`.
+    `folder`: open, inside its ``with`` block. `metadata`: first part of ``run.json``: command, input, options. `texts`:
+    contents of further files by name, such as ``calibration.toml``. `figures`: "page" writes the figures that the page
+    shows, "png" or "svg" all figures, "none" no figures and no page. `facts`: rest of ``run.json``; None: from `page`.
     Raises: ConfigError: two figures of one name. OutputError: the folder cannot be written.
     """
     names = [figure.name for figure in page.figures]

@@ -50,7 +50,7 @@ def of_columns(name: str, **columns: Iterable[Any]) -> tuple[tuple[Quantity, ...
 
 def _of_column(key: str, column: Mapping[str, Any], found: object, values: Mapping[str, Any]) -> Quantity:
     value = values[key] if key in values else attrgetter(column.get("of", key))(found)
-    how = {name: column[name] for name in ("unit", "meaning", "digits", "decimals") if name in column}
-    how |= {name: attrgetter(*column[name].split())(found) for name in ("sd", "interval") if name in column}
-    how |= {"unit": attrgetter(column["unit_of"])(found)} if "unit_of" in column else {}
-    return Quantity(key, value, **how)
+    fields = {name: column[name] for name in ("unit", "meaning", "digits", "decimals") if name in column}
+    fields |= {name: attrgetter(*column[name].split())(found) for name in ("sd", "interval") if name in column}
+    fields |= {"unit": attrgetter(column["unit_of"])(found)} if "unit_of" in column else {}
+    return Quantity(key, value, **fields)

@@ -143,7 +143,7 @@ def _spreads(item: Accepted, unit: str) -> Iterator[Section]:
     if item.repeatability is not None:
         values = item.repeatability.values
         items = (*_spread(item.repeatability, unit), Quantity("mean_bias", float(values.mean()), unit))
-        if unit == "deg/h":  # also in deg/s, the unit of bench records
+        if unit == "deg/h":  # figures in deg/h are repeated in deg/s, the unit of bench records
             items = (*items, *_spread(item.repeatability, _JSON_UNIT["gyro"])[:2])
         title = f"Bias repeatability of {item.axis}"
         yield Section("bias_repeatability", title, items, note="in brackets 95 %")
@@ -213,10 +213,10 @@ def stability_panels(sensors: Sequence[tuple[str, Sequence[Stability], str]]) ->
     for name, stabilities, unit in sensors:
         mean = stabilities[0].spread.values.mean()
         curves = []
-        for place, each in enumerate(stabilities):
+        for order, each in enumerate(stabilities):
             at, values = clock(each.time), (each.spread.values - mean) / UNITS[unit][1]
-            shade = (GREY, AXIS_COLOURS["xyz".index(name[-1])], BLACK)[min(place, 2)]
-            kinds: tuple[Kind, ...] = ("line", "points") if place and values.size <= 200 else ("line",)
+            shade = (GREY, AXIS_COLOURS["xyz".index(name[-1])], BLACK)[min(order, 2)]
+            kinds: tuple[Kind, ...] = ("line", "points") if order and values.size <= 200 else ("line",)
             curves += [Curve(f"means over {each.length:g} s", at, values, shade, kind) for kind in kinds]
         key, title = f"stability_{name.replace(' ', '_')}", f"Bias of {name} at rest"
         yield Panel(key, title, f"{name} [{unit}]", clock.label, tuple(curves), "rest", note)

@@ -69,8 +69,8 @@ def page(result: Result[StaticNoise | SignalNoise]) -> Page:
     name = Path(facts.path).name
     axes = [_axis(found, column) for column in range(6)]
     sensors = {
-        name: tuple((Quantity("axis", AXES[k][-1]), *axes[k][0].items) for k in own if len(axes[k]) > 1)
-        for name, own in (("gyros", range(3)), ("accelerometers", range(3, 6)))
+        name: tuple((Quantity("axis", AXES[k][-1]), *axes[k][0].items) for k in columns if len(axes[k]) > 1)
+        for name, columns in (("gyros", range(3)), ("accelerometers", range(3, 6)))
     }
     largest_first = (_sizes(found, term, gyro=gyro) for gyro in (True, False) for term in ("N", "B", "K"))
     return Page(
@@ -80,7 +80,7 @@ def page(result: Result[StaticNoise | SignalNoise]) -> Page:
             only_json("", Quantity("command", "allan"), Quantity("imu", facts.as_dict())),
             drawn("allan", f"Allan deviation of {name}", allan_panels(found), NOTE),
             only_json("", Quantity("length", allan.length, "s"), Quantity("interval", allan.interval, "s")),
-            *(Section("", f"Noise coefficients of the {name}", rows=own) for name, own in sensors.items()),
+            *(Section("", f"Noise coefficients of the {name}", rows=columns) for name, columns in sensors.items()),
             Section("axes", parts=tuple(part for parts in axes for part in parts)),
             Section("deviations", "Allan deviation", rows=_deviations(found)),
             _filter_figures(found),
@@ -156,9 +156,9 @@ def _sentence(found: StaticNoise) -> str:
     """Write random walk and bias instability of gyros and accelerometers in one sentence."""
     texts = []
     for sensor, gyro in (("gyros", True), ("accelerometers", False)):
-        known = [each for each in (_sizes(found, term, gyro=gyro) for term in ("N", "B")) if each is not None]
-        words = " and ".join(f"{each.label.split(', ')[1]} {cell(each)} {each.shown_unit}" for each in known)
-        texts += [f"{sensor}: {words}"] if known else []
+        quantities = [each for each in (_sizes(found, term, gyro=gyro) for term in ("N", "B")) if each is not None]
+        words = " and ".join(f"{each.label.split(', ')[1]} {cell(each)} {each.shown_unit}" for each in quantities)
+        texts += [f"{sensor}: {words}"] if quantities else []
     text = "; ".join(texts) or "no axis has an identifiable noise"
     return f"{text[0].upper()}{text[1:]}."
 
@@ -244,26 +244,26 @@ def allan_panels(found: StaticNoise | SignalNoise) -> Iterator[Panel]:
     if isinstance(found, SignalNoise):
         panels = {"signals": range(len(found.models))}
     tau, names, note = found.allan.tau, _columns(found), NOTE
-    for sensors, own in panels.items():
-        unit = names[own[0]][1]
-        size, curves, seen = UNITS[unit][1] if unit else 1.0, [], []
-        for i, colour in zip(own, cycle(AXIS_COLOURS), strict=False):
+    for sensors, columns in panels.items():
+        unit = names[columns[0]][1]
+        size, curves, deviations = UNITS[unit][1] if unit else 1.0, [], []
+        for i, colour in zip(columns, cycle(AXIS_COLOURS), strict=False):
             model, deviation = found.models[i], found.allan.deviation[:, i]
             if model is not None:
                 name = names[i][0][-1] if unit else f"signal {i + 1}"
-                seen.append(deviation[deviation > 0.0] / size)
+                deviations.append(deviation[deviation > 0.0] / size)
                 curves += [
                     Curve(name, tau, model.high / size, colour, "band", model.low / size),
                     Curve(name, tau, deviation / size, colour, "points"),
                     Curve(name, tau, np.sqrt(model.variance) / size, colour),
                 ]
-        if not seen:
+        if not deviations:
             continue
-        low, high = (float(limit(np.concatenate(seen))) for limit in (np.min, np.max))
+        low, high = (float(limit(np.concatenate(deviations))) for limit in (np.min, np.max))
         title = f"Allan deviation of the {sensors}" if unit else "Allan deviation"
         labels = title, f"Allan deviation [{unit or 'unit of the signal'}]", "averaging time [s]"
-        every, limits = (*curves, *_guides(tau, high)), (0.4 * low, 5.0 * high)
-        yield Panel(f"allan_{sensors}", *labels, every, "tau", note, log="xy", limits=limits, height=400)
+        all_curves, limits = (*curves, *_guides(tau, high)), (0.4 * low, 5.0 * high)
+        yield Panel(f"allan_{sensors}", *labels, all_curves, "tau", note, log="xy", limits=limits, height=400)
         note = ""
 
 

@@ -131,8 +131,8 @@ def _explained(part: RecordedPart) -> Panel:
     curves = bars(kinds, {kind: colours[kind] for kind in kinds}, low, high, texts)
     dots = [(row, each.recorded / each.predicted) for row, each in enumerate(rows) if np.isfinite(each.recorded)]
     if dots:
-        at, value = np.array(dots).T
-        curves.append(Curve("recorded / predicted", value, at, BLACK, "points"))
+        dot_rows, value = np.array(dots).T
+        curves.append(Curve("recorded / predicted", value, dot_rows, BLACK, "points"))
     title, label = f"Explained or not, after {part.growth.length:g} s", "recorded RMS, corrected, over predicted sd [-]"
     note = "bar: 95 % interval; explained if it reaches down to 1 (shaded), or if as few windows may err so much"
     panel = row_panel("explained", title, label, curves, [each.component for each in rows], note)
@@ -155,8 +155,8 @@ def _ratios(each: Verdict) -> tuple[float, float]:
 def _reason(each: Verdict, part: RecordedPart) -> str:
     """Write recorded and predicted error of a component, and why the predicted error explains it or not."""
     value = f"{number(each.recorded)} m" if np.isfinite(each.recorded) else below_noise(each.high, " m")
-    known = np.isfinite(each.low) and np.isfinite(each.recorded)
-    interval = f" ({number(each.low)} … {number(each.high)} m)" if known else ""
+    has_interval = np.isfinite(each.low) and np.isfinite(each.recorded)
+    interval = f" ({number(each.low)} … {number(each.high)} m)" if has_interval else ""
     head = f"{each.component}: recorded {value}{interval}, predicted {number(each.predicted)} m: {_kind(each)}"
     if not each.explained:
         return f"{head}: the stated errors of IMU and fixes do not explain it; see the causes below"
@@ -249,10 +249,11 @@ def _causes_panels(part: RecordedPart, key: str) -> Iterator[Panel]:
             curves = [Curve("1 sd of the filter", ends, half, GREY, "band", -half)]
             for motion, colour in _MOTIONS.items():
                 chosen = windows.motion == motion
-                at, y, reach = start[chosen], value[chosen], sd[chosen]
-                error_bars = np.column_stack((y - reach, y + reach, np.full(len(at), np.nan))).ravel()
-                curves.append(Curve(motion, at, y, colour, "points"))
-                curves.append(Curve("", np.repeat(at, 3), error_bars, colour, "thin"))
+                x, y, reach = start[chosen], value[chosen], sd[chosen]
+                # vertical lines: lower end, upper end, NaN to interrupt
+                error_bars = np.column_stack((y - reach, y + reach, np.full(len(x), np.nan))).ravel()
+                curves.append(Curve(motion, x, y, colour, "points"))
+                curves.append(Curve("", np.repeat(x, 3), error_bars, colour, "thin"))
             labels = f"{axis.axis.capitalize()} {name}: error grows with {GROWS[name]}", f"{name} [{CAUSE_UNITS[name]}]"
             nonempty = tuple(each for each in curves if len(each.x))
             yield Panel(f"{key}_{axis.axis}_{name}".replace(" ", "_"), *labels, across, nonempty, f"{key}_causes", note)
@@ -356,8 +357,8 @@ def frame(result: Result[BudgetStudy]) -> DataFrame:
     """Build a table of the contributions to the horizontal error, with the source sizes as numbers."""
     budget, rows = result.found.budget, []
     for row in quantities.contributions_rows(budget):
-        least, most, unit = extent(budget, str(row[0].value))
-        sizes = Quantity("size_least", least), Quantity("size_largest", most), Quantity("size_unit", unit)
+        smallest, largest, unit = extent(budget, str(row[0].value))
+        sizes = Quantity("size_least", smallest), Quantity("size_largest", largest), Quantity("size_unit", unit)
         others = [each for each in row if each.key != "size"]
         metres = (each if each.unit or isinstance(each.value, str) else replace(each, unit="m") for each in others)
         rows.append((*metres, *sizes))
@@ -413,7 +414,7 @@ def assumptions(budget: Budget) -> Iterator[Finding]:
 
 def simulated_matches(budget: Budget, simulated: SimulatedColumn) -> bool:
     """Return whether normalised squared errors of the simulation agree with the covariance at the chosen times."""
-    # The mean of n squared normalised errors has the sd sqrt(2 / n). Each run has 9 errors, or 6 if height is held.
+    # The mean of n squared normalised errors has sd sqrt(2 / n): limit 4 sd; n is 9 per run, or 6 if height is held.
     limit = 4.0 * np.sqrt(2.0 / (simulated.runs * (6.0 if budget.hold else 9.0)))
     return bool(np.all(np.abs(simulated.nees[budget.chosen] - 1.0) < limit))
 
@@ -457,17 +458,17 @@ def headline(budget: Budget) -> str:
         estimates.append(f"simulated {number(float(horizontal(budget.simulated.total[last])))}")
     if budget.recorded is not None:
         estimates.append(f"recorded {recorded_text(budget, len(budget.chosen) - 1)}")
-    whole = number(float(horizontal(budget.valid.total[last])))
+    total = number(float(horizontal(budget.valid.total[last])))
     first = ranked(budget)[0]
     share, name = 100.0 * float(shares(budget)[first]), budget.families[first]
     largest = f"; {share:.0f} % of the variance is {size(budget, name)} of {name}" if share >= 1.0 else ""
-    return f"After {budget.time[last]:g} s without GPS: {whole} m horizontal (1 sd) — {', '.join(estimates)}{largest}."
+    return f"After {budget.time[last]:g} s without GPS: {total} m horizontal (1 sd) — {', '.join(estimates)}{largest}."
 
 
 def end_page(
     axes: Sequence[EndAxis], time: float, gravity: float, sd: tuple[float, float], spec: ImuSpec | None
 ) -> Page:
-    """Lay out the errors that explain the error at the end of a run on each axis, compared with the IMU specification.
+    """Lay out the causes of the error at the end of a run on each axis, compared with the IMU specification.
 
     `time`: length of the run [s]. `gravity` [m/s^2]. `sd`: of position [m] and velocity [m/s] of the reference.
     """

@@ -178,7 +178,7 @@ def _recorded(recorded: RecordedColumn | None) -> Section:
 
 
 def _at_time(budget: Budget, k: int) -> Section:
-    ways = _ways(budget)
+    methods = _ways(budget)
     more: dict[str, tuple[Quantity, ...]] = {
         "covariance": (
             Quantity("worst_position", budget.worst[k, :3], "m"),
@@ -193,7 +193,7 @@ def _at_time(budget: Budget, k: int) -> Section:
             items=(*_states(way.total[k]), *more.get(name, ())),
             parts=(one_each("sources", "", dict(zip(budget.families, map(_states, way.parts[k]), strict=True))),),
         )
-        for name, way in ways.items()
+        for name, way in methods.items()
     )
     return only_json("budget[]", Quantity("time", float(budget.time[k]), "s"), parts=tuple(parts))
 
@@ -251,8 +251,8 @@ def contributions_rows(budget: Budget) -> list[tuple[Quantity, ...]]:
 
 def contributions_section(budget: Budget) -> Section:
     """Tabulate the contributions of the error families to the horizontal error, their RSS, and the worst-case sum."""
-    last, ways = budget.chosen[-1], _ways(budget)
-    rss = {name: float(horizontal(way.total[last])) for name, way in ways.items()}
+    last, methods = budget.chosen[-1], _ways(budget)
+    rss = {name: float(horizontal(way.total[last])) for name, way in methods.items()}
     sums = (
         ("together (RSS)", rss, budget.valid.total[last, 2]),
         ("worst-case sum", {"covariance": float(budget.worst[last, 3])}, budget.worst[last, 2]),
@@ -340,21 +340,21 @@ def estimates_section(budget: Budget) -> Section:
 
 def merits(budget: Budget, windows: RecordedBudget | None) -> tuple[Quantity, ...]:
     """Return the figures of merit: errors at a few times; then recorded over predicted error, or worst-case sum."""
-    found = []
+    quantities = []
     for k in (budget.chosen[row] for row in shown_times(budget)):
         value, text = float(horizontal(budget.valid.total[k])), f"horizontal after {budget.time[k]:g} s"
-        found.append(Quantity(f"after_{budget.time[k]:g}_s", value, "m", meaning=text))
+        quantities.append(Quantity(f"after_{budget.time[k]:g}_s", value, "m", meaning=text))
     last = budget.chosen[-1]
     if not budget.hold:
-        found.append(Quantity("down", float(budget.valid.total[last, 2]), "m", meaning="down at the end"))
+        quantities.append(Quantity("down", float(budget.valid.total[last, 2]), "m", meaning="down at the end"))
     if windows is None:
-        return (*found, Quantity("worst", float(budget.worst[last, 3]), "m", meaning="worst-case sum, horizontal"))
+        return (*quantities, Quantity("worst", float(budget.worst[last, 3]), "m", meaning="worst-case sum, horizontal"))
     part, count = windows.shown, windows.shown.windows.count
     i = part.growth.column("horizontal")
     value, predicted = float(part.growth.corrected[-1, i]), float(part.growth.predicted[-1, i])
     ratio = value / predicted if np.isfinite(value) and predicted > 0.0 else None
     return (
-        *found,
+        *quantities,
         Quantity("recorded_ratio", ratio, meaning="recorded / predicted by the filter, horizontal"),
         Quantity("inside_3_sd", f"{100.0 * part.growth.inside_at_end:.0f} %", meaning=f"inside 3 sd, {count} windows"),
     )

@@ -74,15 +74,15 @@ def windows_assumptions(budget: RecordedBudget) -> tuple[Finding, ...]:
 
 
 def _verdict(each: Verdict, length: float) -> str:
-    words = "explained" if each.explained else "unexplained"
+    verdict = "explained" if each.explained else "unexplained"
     if each.cautious:
-        words += "; less than predicted: the stated errors are cautious"
+        verdict += "; less than predicted: the stated errors are cautious"
     elif not each.explained and each.predicted > 0.0:
-        words += f", {number(each.recorded / each.predicted, 2)} times as large"
+        verdict += f", {number(each.recorded / each.predicted, 2)} times as large"
     return (
         f"{each.component.capitalize()} after {length:g} s: recorded "
         f"{corrected_text(each.recorded, each.low, each.high)}, predicted {number(each.predicted)} m by the filter for "
-        f"all windows: {words}."
+        f"all windows: {verdict}."
     )
 
 
@@ -183,7 +183,7 @@ def _growth(found: Growth) -> tuple[Quantity, ...]:
 
 
 def _components(found: Growth) -> list[tuple[int, str]]:
-    """Return column and name of each component with a known error; a stationary vehicle has no along or cross."""
+    """Return column and name of each component with a known error; along and cross are unknown when stationary."""
     return [(i, name) for i, name in enumerate(COMPONENTS) if np.isfinite(found.rms[:, i]).any()]
 
 
@@ -193,8 +193,8 @@ def _over_time(kind: str, found: Growth) -> Section:
         (Quantity("error", name), *(Quantity(f"{t:g} s", figures[k, i]) for k, t in enumerate(found.times)))
         for i, name in _components(found)
     )
-    known = ", ".join(map(str, found.known[:, found.column("horizontal")]))
-    note = f"errors of the reference in all three; windows: {known}"
+    counts = ", ".join(map(str, found.known[:, found.column("horizontal")]))
+    note = f"errors of the reference in all three; windows: {counts}"
     return Section("", f"Recorded error, {kind}: RMS, 95 %, largest [m]", rows=rows, note=note)
 
 
@@ -206,20 +206,20 @@ def _rms(found: Growth, i: int) -> tuple[Quantity, ...]:
 
 
 def _at_end(kind: str, part: RecordedPart) -> Section:
-    found, rows = part.growth, []
-    for i, name in _components(found):
-        rms, predicted = float(found.corrected[-1, i]), float(found.predicted[-1, i])
+    growth, rows = part.growth, []
+    for i, name in _components(growth):
+        rms, predicted = float(growth.corrected[-1, i]), float(growth.predicted[-1, i])
         row = [
             Quantity("error", name),
-            *_rms(found, i),
+            *_rms(growth, i),
             Quantity("ratio", rms / predicted if predicted > 0.0 else None, meaning="corrected / predicted"),
-            Quantity("inside", f"{100.0 * found.inside[-1, i]:.0f} %", meaning="inside 3 sd"),
+            Quantity("inside", f"{100.0 * growth.inside[-1, i]:.0f} %", meaning="inside 3 sd"),
         ]
         if part.replicas is not None:
             low, high = (float(each[-1, i]) for each in part.replicas.band)
             row.append(Quantity("band", interval_text(low, high), "m", meaning="simulated replicas, 95 % band"))
         rows.append(tuple(row))
-    title = f"Recorded and predicted error after {found.times[-1]:g} s, {kind}"
+    title = f"Recorded and predicted error after {growth.times[-1]:g} s, {kind}"
     return Section("", title, rows=tuple(rows), note=regression_text(part))
 
 
@@ -238,10 +238,10 @@ def regression_text(part: RecordedPart) -> str:
 def _by_motion(kind: str, part: RecordedPart) -> Section:
     i = COMPONENTS.index("horizontal")
     rows = []
-    for name, found in part.motions.items():
-        if found is not None:
-            *about, largest = of_table("budget.motion", found, windows=name, largest=float(found.largest[-1, i]))
-            rows.append((*about, *_rms(found, i), largest))
+    for name, growth in part.motions.items():
+        if growth is not None:
+            *about, largest = of_table("budget.motion", growth, windows=name, largest=float(growth.largest[-1, i]))
+            rows.append((*about, *_rms(growth, i), largest))
     title = f"By motion, horizontal error after {part.growth.times[-1]:g} s, {kind}"
     note = "turning: heading changes by more than 15 deg; static: below 0.5 m/s throughout"
     return Section("", title, rows=tuple(rows), note=note)

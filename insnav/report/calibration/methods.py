@@ -49,7 +49,7 @@ def impact_section(calibration: Calibration[Any, Any], note: str = "") -> Sectio
         "Simulated horizontal position error after 60 s, RMS. True errors are sampled about the calibrated ones by "
         "their uncertainty. No other errors, exact initial state, constant height. "
     )
-    # For sensors with raw output (volts, counts), the note states what "without calibration" means.
+    # For raw output in volts or counts, the note defines the errors without calibration.
     errors, sd = calibration.errors or ImuErrors(), calibration.sd
     raw = (errors.gyro_raw and sd.gyro_bias.any()) or (errors.accel_raw and sd.accel_bias.any())
     note = note or "Without: zero output taken as 0, scale factor known." * bool(raw)
@@ -69,10 +69,10 @@ def corrected_section(calibration: Calibration[Any, Any]) -> Section:
     ]
     rows = tuple(
         (
-            Quantity("case", what),
+            Quantity("case", motion),
             *(Quantity(f"sd_{axis}", float(sd[0, k]), unit, digits=2) for k, axis in enumerate("xyz")),
         )
-        for what, sd, unit in cases
+        for motion, sd, unit in cases
         if np.any(sd)
     )
     return of_section("calibration.corrected", rows)
@@ -338,8 +338,8 @@ def _errors(found: SweepCalibration, stages: Sequence[float]) -> Section:
     left_out = (None if item is None else rms(item.left_out) for item in found.pieces)
     errors = {"line": found.error_line, "matrix": found.error_matrix, "map": found.error_map}
     sizes = {name: map(rms, each.T) for name, each in errors.items()} | {"left_out": left_out}
-    at, most = _settings(found.rate[worst]), np.abs(found.error_map[worst, range(3)])
-    rows = of_columns("calibration.sweep_error", gyro="xyz", **sizes, worst=most, worst_at=at)
+    settings, largest = _settings(found.rate[worst]), np.abs(found.error_map[worst, range(3)])
+    rows = of_columns("calibration.sweep_error", gyro="xyz", **sizes, worst=largest, worst_at=settings)
     of_all = (Quantity(name, value, "deg/s") for name, value in zip(errors, stages, strict=True))
     table = of_section("calibration.sweep_error", rows, keyed=True)
     return Section("", parts=(table, only_json("rate_error", *of_all)))
@@ -355,19 +355,19 @@ def _adjusted(found: SweepCalibration) -> tuple[Section, ...]:
 
 def _pieces(found: SweepCalibration) -> tuple[Section, ...]:
     """Tabulate the pieces of the compensation of each gyro; JSON also has the gyro errors at the ends of pieces."""
-    known = {axis: item for axis, item in zip("xyz", found.pieces, strict=True) if item is not None}
+    compensated = {axis: item for axis, item in zip("xyz", found.pieces, strict=True) if item is not None}
     rows = tuple(
         (
             *of_table("calibration.piece", gyro=axis, piece=i + 1, **{"from": item.knot[i]}, to=item.knot[i + 1]),
             Quantity("k", float(slope), "ppm", sd=float(item.slope_sd[i])),
             Quantity("b", float(item.value[i] - slope * item.knot[i]), "deg/s", meaning="b'", decimals=4),
         )
-        for axis, item in known.items()
+        for axis, item in compensated.items()
         for i, slope in enumerate(item.slope)
     )
     knots = tuple(
         of_table("calibration.knots", item, gyro=axis, sd=np.sqrt(np.diag(item.covariance)))
-        for axis, item in known.items()
+        for axis, item in compensated.items()
     )
     return of_section("calibration.piece", rows), Section("pieces", rows=knots, show="json", keyed=True)
 
@@ -377,7 +377,7 @@ def sweep_panels(found: SweepCalibration) -> Iterator[Panel]:
     for axis, (rows, item) in enumerate(zip(found.own, found.pieces, strict=True)):
         colour, rate, name = AXIS_COLOURS[axis], found.rate[rows, axis] / DEG, "xyz"[axis]
         ends = np.array([rate.min(), rate.max()])
-        for stage, words, error in (
+        for stage, stage_name, error in (
             ("matrix", "matrix", found.error_matrix),
             ("pieces", "piecewise compensation", found.error_map),
         ):
@@ -388,7 +388,7 @@ def sweep_panels(found: SweepCalibration) -> Iterator[Panel]:
                 curves.append(Curve("pieces", knots, values, BLACK))
                 curves.append(Curve("borders", knots[1:-1], values[1:-1], BLACK, "crosses"))
             none = "; nothing to compensate" if item is None and stage == "pieces" else ""
-            key, title = f"rate_error_{name}_{stage}", f"Gyro {name} after the {words}"
+            key, title = f"rate_error_{name}_{stage}", f"Gyro {name} after the {stage_name}"
             note = f"corrected rate minus rate of the table{none}"
             yield Panel(key, title, "error [deg/s]", "rate of the table [deg/s]", tuple(curves), "rate", note)
 

@@ -1,4 +1,4 @@
-"""Reports of calibrations: entry for every method, and the layout of multi-position and nine-position calibrations."""
+"""Reports of calibrations: page for any method, and the layout of multi-position and nine-position calibrations."""
 
 from __future__ import annotations
 
@@ -128,10 +128,10 @@ def _quality(found: PosesCalibration) -> Section:
     columns = ("before", "without_g_sensitivity", "after", "left_out")
     rows = []
     for name, series, unit in (("gravity", gravity, "mg"), ("turn", turns, "deg")):
-        for how, reduce in (("RMS", rms), ("worst", lambda v: float(np.abs(v).max()))):
+        for statistic, reduce in (("RMS", rms), ("worst", lambda v: float(np.abs(v).max()))):
             sizes = (None if values is None else reduce(values) for values in series)
             cells = (Quantity(column, size, unit) for column, size in zip(columns, sizes, strict=True))
-            rows.append((Quantity("error", f"{name}, {how}"), *cells))
+            rows.append((Quantity("error", f"{name}, {statistic}"), *cells))
     return of_section("calibration.errors", rows)
 
 
@@ -140,9 +140,9 @@ def _poses(found: PosesCalibration) -> Section:
     up = np.linalg.solve(found.accel.matrix, (forces - found.accel.bias).T).T / found.g
     begin, end = np.array([[pose.start, pose.end] for pose in found.poses]).T
     texts = [" ".join(f"{v:+.2f}" for v in row) for row in up]
-    named = {"pose": map(str, itertools.count(1)), "from": begin, "for": end - begin, "f [g]": texts}
+    columns = {"pose": map(str, itertools.count(1)), "from": begin, "for": end - begin, "f [g]": texts}
     sizes = {"before": found.norm_before, "after": found.norm_after, "share": found.accel_share}
-    poses = of_columns("calibration.pose", **named, **sizes)
+    poses = of_columns("calibration.pose", **columns, **sizes)
     after = np.where(found.turn_used, found.turn_after, np.nan)
     share = found.gyro_share
     turns = of_columns("calibration.pose_turn", turn_before=found.turn_before, turn_after=after, turn_share=share)
@@ -200,11 +200,11 @@ def _g_sensitivity(found: Found) -> Section:
     unit, per = ("counts/g", G0) if counts else ("deg/s/g", G0 / DEG)
     rows = []
     for axis, *both in zip(AXES, sensitivity * per, sd * per, strict=True):
-        cells = (measured(f"by {other}", value, unit, float(by)) for other, value, by in zip(AXES, *both, strict=True))
+        cells = (measured(f"by {force}", value, unit, float(by)) for force, value, by in zip(AXES, *both, strict=True))
         rows.append((Quantity("gyro", axis), *cells))
-    whole = Quantity("g_sensitivity", sensitivity, "counts/(m/s^2)" if counts else "(rad/s)/(m/s^2)", sd)
+    matrix = Quantity("g_sensitivity", sensitivity, "counts/(m/s^2)" if counts else "(rad/s)/(m/s^2)", sd)
     table = Section("", "g-sensitivity of the gyros", rows=tuple(rows), note="± 1 sd")
-    return Section("", parts=(table, only_json("gyro", whole)))
+    return Section("", parts=(table, only_json("gyro", matrix)))
 
 
 def nine_page(calibration: Calibration[NineRecord, NinePositions]) -> Page:
@@ -223,9 +223,9 @@ def nine_page(calibration: Calibration[NineRecord, NinePositions]) -> Page:
     places = [f"roll {roll:.4g}, pitch {pitch:.4g} deg" for roll, pitch in calibration.record.dwells.setting / DEG]
     largest = 1e3 * float(np.abs(found.gyro_matrix - np.eye(3)).max())
     half = 1e3 * float(found.half_width(found.gyro_matrix_sd, first_order=True).max())
-    condition, which = (found.condition_accel, found.condition_gyro), (str(len(places)), "all that are tilted")
+    condition, positions = (found.condition_accel, found.condition_gyro), (str(len(places)), "all that are tilted")
     names = "A_m, accelerometers", "Omega_m, products"
-    inverses = of_columns("calibration.inverse", matrix=names, condition=condition, positions=which)
+    inverses = of_columns("calibration.inverse", matrix=names, condition=condition, positions=positions)
     return Page(
         "Nine positions of three dual-axis modules",
         (
@@ -334,10 +334,10 @@ def page(result: Result[Calibration[Any, Any]]) -> Page:
     found = result.found
     lay_out, input_of = _METHODS[found.method]
     by_method = lay_out(found)
-    first, *others = by_method.summary
+    first, *sentences = by_method.summary
     return replace(
         by_method,
-        summary=tuple(others),
+        summary=tuple(sentences),
         sections=(only_json("", Quantity("input", input_of(found.record))), *by_method.sections),
         verdict=by_warnings(first[0].upper() + first[1:], result.findings, ("good", "no warning from the fits")),
         merits=by_method.merits or tuple(replace(each, interval=None) for each in found.parameters[:_MERITS]),
@@ -358,7 +358,7 @@ def frame(result: Result[Calibration[Any, Any]]) -> DataFrame:
 def _numbers(each: Quantity) -> tuple[tuple[Quantity, ...], ...]:
     """Split a parameter into the elements of its vector or matrix: a table row for each."""
     values, sds = np.broadcast_arrays(each.scaled(each.value), each.scaled(each.sd))
-    names = (f"{each.label} {''.join('xyz'[k] for k in at)}".strip() for at in np.ndindex(values.shape))
+    names = (f"{each.label} {''.join('xyz'[k] for k in index)}".strip() for index in np.ndindex(values.shape))
     return of_columns(
         "calibration.number", parameter=names, unit=itertools.repeat(each.unit), value=values.flat, sd=sds.flat
     )

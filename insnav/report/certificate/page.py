@@ -92,8 +92,8 @@ def _topic(topic: str, checks: list[Check]) -> Section:
 
 
 def _error(check: Check, name: str, value: float) -> Quantity:
-    known = math.isfinite(value)
-    return Quantity(name, value if known else None, digits=2, mark="" if value <= check.limit else _EXCEEDS)
+    finite = math.isfinite(value)
+    return Quantity(name, value if finite else None, digits=2, mark="" if value <= check.limit else _EXCEEDS)
 
 
 def _names(checks: Sequence[Check]) -> tuple[str, ...]:

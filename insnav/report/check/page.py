@@ -75,8 +75,8 @@ def _timeline(result: Result[Checked]) -> tuple[Section, ...]:
 def _run_line(found: Checked, before: str) -> str:
     if found.runs:
         return f"{translated('run:')}  {found.command}"
-    known = translated("; command so far: ") + found.command if found.command.count(" --") else ""
-    return f"{translated('run:')}  {translated(f'nothing to copy before {before}')}{known}"
+    so_far = translated("; command so far: ") + found.command if found.command.count(" --") else ""
+    return f"{translated('run:')}  {translated(f'nothing to copy before {before}')}{so_far}"
 
 
 def text(result: Result[Checked], width: int | None = None, *, brief: bool = False) -> str:

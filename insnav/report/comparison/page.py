@@ -57,8 +57,8 @@ def page(result: Result[Comparison]) -> Page:
         findings,
         verdict=_verdict(found, findings),
         merits=tuple(
-            Quantity(f"rms_{place}", rms(errors.horizontal), "m", meaning=f"{name}, horizontal RMS")
-            for place, (name, errors) in enumerate(list(found.named().items())[:_MERITS], start=1)
+            Quantity(f"rms_{rank}", rms(errors.horizontal), "m", meaning=f"{name}, horizontal RMS")
+            for rank, (name, errors) in enumerate(list(found.named().items())[:_MERITS], start=1)
         ),
         names=frozenset(runs),
     )
@@ -118,7 +118,7 @@ def comparison_panels(found: Comparison) -> tuple[Track, Panel, Panel]:
     """Draw the tracks, and horizontal errors over time and their distribution; smoothed solutions are dashed."""
     time = found.compared[0].errors.time
     clock, lla = Clock.of(time), found.reference.lla[nearest_rows(found.reference.time, time)]
-    place = ned_offset(lla, lla[0])
+    position = ned_offset(lla, lla[0])
     tracks, shades = [], []
     runs = list(dict.fromkeys(each.run for each in found.compared))
     over_time, shares = [], []
@@ -129,10 +129,10 @@ def comparison_panels(found: Comparison) -> tuple[Track, Panel, Panel]:
         share = np.linspace(1.0, 100.0, 500)
         errors_at = np.maximum(np.nanpercentile(errors.horizontal, share), LEAST_ERROR)
         shares.append(Curve(name, errors_at, share, colour, kind))
-        north, east, _ = (place + errors.position).T
+        north, east, _ = (position + errors.position).T
         tracks.append(Curve(name, east, north, colour, kind))
         shades.append(Shade(f"error of {name} [m]", errors.horizontal))
-    x, dashed, points = clock.label, "dashed: smoothed", (place[:, 1], place[:, 0], clock(time), tuple(shades))
+    x, dashed, points = clock.label, "dashed: smoothed", (position[:, 1], position[:, 0], clock(time), tuple(shades))
     title, across, note = "Distribution of the horizontal error", "horizontal error [m]", "further left is better"
     return (
         Track("track", "Tracks", *points, "time", note="points: the reference", behind=tuple(tracks)),

@@ -57,7 +57,7 @@ class Row:
     stands_out: str = ""  # label of the figure with this score, if it exceeds `OUTLIER`
 
     def quantities(self) -> tuple[Quantity, ...]:
-        """Return the row's cells."""
+        """Return the cells of the row, one per column of the table."""
         reason = "; ".join(filter(None, (f"{self.stands_out} stands out" * bool(self.stands_out), self.reason)))
         names = {"drive": Name(self.drive.name), "vehicle": Name(self.drive.vehicle)}
         return (
@@ -73,11 +73,11 @@ def rows_of(drives: Sequence[Navigated]) -> list[Row]:
     rows = [_row(each) for each in drives]
     scores: list[dict[str, float]] = [{} for _ in rows]
     for key in _COMPARED:
-        known = {i: row.figures[key] for i, row in enumerate(rows) if key in row.figures}
+        values = {i: row.figures[key] for i, row in enumerate(rows) if key in row.figures}
         if key == "rejected":
-            known = {i: max(share, _NONE_REJECTED) for i, share in known.items()}
-        known = {i: value for i, value in known.items() if value > 0.0}
-        for i, score in zip(known, modified_z(np.log(list(known.values()))), strict=True):
+            values = {i: max(share, _NONE_REJECTED) for i, share in values.items()}
+        values = {i: value for i, value in values.items() if value > 0.0}
+        for i, score in zip(values, modified_z(np.log(list(values.values()))), strict=True):
             scores[i][key] = float(score)
     scored = [_scored(row, score) for row, score in zip(rows, scores, strict=True)]
     return sorted(scored, key=lambda row: (_ORDER.index(row.light), not row.stands_out, -row.score, row.drive.name))
@@ -162,6 +162,7 @@ def _mean(values: list[Quantity]) -> Quantity:
     """Compute the weighted mean of one noise parameter over drives, with its 95 % interval."""
     size = np.log([np.asarray(each.value, dtype=np.float64) for each in values])
     sd = np.ptp(np.log([each.interval or (1.0, 1.0) for each in values]), axis=1) / (2.0 * 1.96)
+    # means and standard deviations are of logarithms; an interval of 95 % is 2 times 1.96 sd wide
     weight = 1.0 / np.maximum(sd, 1e-6) ** 2
     mean = float(weight @ size / weight.sum())
     birge = float(np.sqrt(weight @ (size - mean) ** 2 / max(len(values) - 1, 1)))
@@ -183,8 +184,8 @@ def page(result: Result[tuple[Navigated, ...]]) -> Page:
     light: Light = "bad" if wrong else "attention" if count["attention"] or outlier else calm
     reason = f"{wrong} of {total} drives failed or are not to be relied on" if wrong else f"none of {total} failed"
     if light == "attention":
-        some = f"results of {count['attention']} of {total} drives need attention"
-        reason = some if count["attention"] or outlier is None else f"{outlier.drive.name} stands out"
+        text = f"results of {count['attention']} of {total} drives need attention"
+        reason = text if count["attention"] or outlier is None else f"{outlier.drive.name} stands out"
     failed = [(row.drive.name, row.drive.failed) for row in rows if row.drive.failed is not None]
     failures = tuple(of_table("fleet.failure", each, drive=Name(name)) for name, each in failed)
     note = (
@@ -214,8 +215,8 @@ def page(result: Result[tuple[Navigated, ...]]) -> Page:
 
 def nonempty_columns(rows: Sequence[Sequence[Quantity]]) -> tuple[tuple[Quantity, ...], ...]:
     """Remove the columns that are empty in all rows."""
-    known = {each.key for row in rows for each in row if each.value not in (None, "")}
-    return tuple(tuple(each for each in row if each.key in known) for row in rows)
+    nonempty = {each.key for row in rows for each in row if each.value not in (None, "")}
+    return tuple(tuple(each for each in row if each.key in nonempty) for row in rows)
 
 
 def _panels(rows: Sequence[Row]) -> tuple[Panel, ...]:
@@ -257,7 +258,7 @@ def write_fleet(folder: Path, result: Result[tuple[Navigated, ...]]) -> None:
 
 
 def _csv_row(row: Row) -> dict[str, Any]:
-    known = (fact for each in row.quantities() + row.noise for fact in each.facts().items())
-    facts = {name: value for name, value in known if "_interval" not in name}
+    cells = (fact for each in row.quantities() + row.noise for fact in each.facts().items())
+    facts = {name: value for name, value in cells if "_interval" not in name}
     code = 0 if row.drive.failed is None else row.drive.failed.exit_code
     return {**facts, "result": row.light, "exit_code": code, "file": cell_text(row.drive.file)}

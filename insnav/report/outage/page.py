@@ -97,8 +97,8 @@ def page(result: Result[OutageStudy]) -> Page:
 
 def _verdict(study: OutageStudy, notes: tuple[Finding, ...]) -> Verdict:
     """Rate an outage test: errors in the longest outages, and whether the stated sd holds for all lengths."""
-    found = study.growth[-1]
-    column, smoothed = found.column("horizontal"), found.column("smoothed horizontal")
+    growth = study.growth[-1]
+    column, smoothed = growth.column("horizontal"), growth.column("smoothed horizontal")
     solutions = [(each, lead) for each in study.growth for lead in _MODES]
     lowest, length, mode = min((_inside(each, lead), each.length, lead) for each, lead in solutions)
     ratio, longer, larger = max((ratio, each.length, name) for each in study.growth for ratio, name in _ratios(each))
@@ -114,11 +114,11 @@ def _verdict(study: OutageStudy, notes: tuple[Finding, ...]) -> Verdict:
         reason = f"after {longer:g} s the {larger} errors are {ratio:.2f} times as large as predicted; "
         reason += f"{share} are inside 3 sd"
     text = (
-        f"After {found.length:g} s without GPS, the horizontal error is {number(float(found.rms[-1, column]))} m RMS."
-        f"{_less_reference(found, column)} The filter predicts {number(float(found.predicted[-1, column]))} m."
+        f"After {growth.length:g} s without GPS, the horizontal error is {number(float(growth.rms[-1, column]))} m RMS."
+        f"{_less_reference(growth, column)} The filter predicts {number(float(growth.predicted[-1, column]))} m."
     )
-    if np.isfinite(found.rms[-1, smoothed]):
-        text += f" Smoothing leaves {number(float(found.rms[-1, smoothed]))} m.{_less_reference(found, smoothed)}"
+    if np.isfinite(growth.rms[-1, smoothed]):
+        text += f" Smoothing leaves {number(float(growth.rms[-1, smoothed]))} m.{_less_reference(growth, smoothed)}"
     return layout.by_warnings(text, notes, (cast(Light, light), reason))
 
 
@@ -199,7 +199,7 @@ def _table(component: str, growth: Sequence[Growth]) -> Section:
 
 
 def write_files(result: Result[OutageStudy], folder: RunFolder, table_format: TableFormat) -> None:
-    """Write a table with all epochs of all windows, and the events. `folder`: entered, not committed."""
+    """Write a table with all epochs of all windows, and the events. `folder`: open, inside its ``with`` block."""
     write_run_table(folder.directory, OutageEpochs.of(result.found.windows), table_format, "windows")
     write_events(folder.directory, result.findings)
 
@@ -243,10 +243,10 @@ def _panel(chosen: Sequence[Outage], sums: Sequence[Growth], name: str, columns:
         Curve("predicted sd, solution and reference", time, predicted, BLACK, "dashed"),
     ]
     smoothed = [(each.length, float(each.rms[-1, each.column(f"smoothed {name}")])) for each in sums]
-    known = np.array([pair for pair in smoothed if np.isfinite(pair[1])])
-    if len(known):
-        texts = tuple(f"smoothed, {length:g} s: {number(value)} m RMS" for length, value in known)
-        curves.append(Curve("smoothed, RMS", known[:, 0], known[:, 1], VERMILLION, "crosses", text=texts))
+    points = np.array([pair for pair in smoothed if np.isfinite(pair[1])])
+    if len(points):
+        texts = tuple(f"smoothed, {length:g} s: {number(value)} m RMS" for length, value in points)
+        curves.append(Curve("smoothed, RMS", points[:, 0], points[:, 1], VERMILLION, "crosses", text=texts))
     labels = f"{name.capitalize()} error without GPS", f"{name} error [m]", "time without GPS [s]"
     return Panel(f"outage_{name}", *labels, tuple(curves), "outage", NOTE, log="xy", height=280)
 
@@ -271,7 +271,7 @@ def corrected(found: Growth, i: int, unit: str = "m") -> Quantity:
     """Build the RMS error at the end without reference variance, with interval; in words if below reference noise."""
     low, high, meaning = float(found.low[-1, i]), float(found.high[-1, i]), "corrected (95 %)"
     if found.below_noise[-1, i]:
-        text = below_noise(high / UNITS[unit][1]).replace(" reference", "")  # for a table of 80 columns
+        text = below_noise(high / UNITS[unit][1]).replace(" reference", "")  # short, as the table has 80 characters
         return Quantity("rms_corrected", text, unit, meaning=meaning)
     return Quantity("rms_corrected", float(found.corrected[-1, i]), unit, interval=(low, high), meaning=meaning)
 

@@ -36,7 +36,7 @@ _HOUR = 3600.0
 
 
 def write_files(result: Result[PlatformStudy | Demonstration], folder: RunFolder, table_format: TableFormat) -> None:
-    """Write solution, torquing rates, events and track of a record. `folder`: entered, not committed."""
+    """Write solution, torquing rates, events and track of a record. `folder`: open, inside its ``with`` block."""
     study, place = result.found, folder.directory
     if isinstance(study, PlatformStudy):
         write_run_table(place, study.run.solution, table_format)
@@ -47,8 +47,8 @@ def write_files(result: Result[PlatformStudy | Demonstration], folder: RunFolder
 
 def frame(result: Result[PlatformStudy | Demonstration]) -> DataFrame:
     """Build a table of the solution of a record; for the demonstration, of integrator errors on known functions."""
-    found = result.found
-    return found.run.solution.to_frame() if isinstance(found, PlatformStudy) else rows_frame(_known(found.orders).rows)
+    study = result.found
+    return study.run.solution.to_frame() if isinstance(study, PlatformStudy) else rows_frame(_known(study.orders).rows)
 
 
 def _name(result: Result[PlatformStudy | Demonstration]) -> str:
@@ -144,10 +144,10 @@ def _errors(study: PlatformStudy, theory: StaticErrors | None) -> tuple[Section,
         largest = float(np.abs(pos - theory.position).max())
         items.append(Quantity("largest_difference_to_closed_form", largest, "m"))
     rows = []
-    for what, values, closed, unit in (("position", pos, expected[0], "m"), ("velocity", vel, expected[1], "m/s")):
+    for quantity, values, closed, unit in (("position", pos, expected[0], "m"), ("velocity", vel, expected[1], "m/s")):
         for k, axis in enumerate(("north", "east")):
             row = [
-                Quantity("error", f"{axis} {what}"),
+                Quantity("error", f"{axis} {quantity}"),
                 Quantity("largest", float(np.abs(values[:, k]).max()), unit),
                 Quantity("end", float(values[-1, k]), unit, meaning="at the end"),
             ]
@@ -169,7 +169,7 @@ def _demonstration(found: Demonstration) -> Page:
     theory = platform_errors.static_errors(rest.time, platform_errors.LAT, 0.0, platform_errors.ERRORS)
     errors_of = {"platform": turning.platform, "strapdown": turning.strapdown}
     ends = {name: float(np.hypot(*error[-1, :2])) for name, error in errors_of.items()}
-    apart = float(np.abs(rest.platform[:, :2] - theory.position).max() / np.abs(theory.position).max())
+    difference = float(np.abs(rest.platform[:, :2] - theory.position).max() / np.abs(theory.position).max())
     at_rest, in_turns = "A day at rest, latitude 45°", "The same errors in a turning vehicle"
     drawings = (
         drawn("pattern", in_turns, (both_panel(turning, None, "pattern", in_turns, _MOTION),), _ERRORS_TEXT),
@@ -198,12 +198,12 @@ def _demonstration(found: Demonstration) -> Page:
                 Quantity(name, end, "m", meaning=f"{name} after {platform_errors.PATTERN / 3600:g} h of circles")
                 for name, end in ends.items()
             ),
-            Quantity("apart", 100.0 * apart, "", meaning="difference from the closed form at rest [%]", digits=2),
+            Quantity("apart", 100.0 * difference, "", meaning="difference from the closed form at rest [%]", digits=2),
             *(Quantity(each.integrator, each.order, meaning=f"order of {each.integrator}") for each in orders[1:]),
         ),
         verdict=Verdict(
-            "good" if apart < _NEAR else "bad",
-            f"at rest the platform is within {100.0 * apart:.2g} % of the closed form",
+            "good" if difference < _NEAR else "bad",
+            f"at rest the platform is within {100.0 * difference:.2g} % of the closed form",
             f"After {platform_errors.PATTERN / 3600:g} h of circles the position error of the platform is "
             f"{ends['platform'] / 1000:.2f} km, of the strapdown navigator {ends['strapdown'] / 1000:.2f} km.",
         ),
@@ -237,8 +237,8 @@ def _flown(flight: Mapping[float, Sequence[TrajectoryErrors]]) -> Section:
     rows = []
     for i, name in enumerate(INTEGRATORS):
         row = [Quantity("integrator", name)]
-        for rate, found in flight.items():
-            position, velocity = float(found[i].horizontal.max()), float(np.abs(found[i].velocity).max())
+        for rate, errors in flight.items():
+            position, velocity = float(errors[i].horizontal.max()), float(np.abs(errors[i].velocity).max())
             row.append(Quantity(f"position_{rate:g}_Hz", position, "m", meaning=f"{rate:g} Hz"))
             row.append(Quantity(f"velocity_{rate:g}_Hz", velocity, "m/s", meaning=f"{rate:g} Hz"))
         rows.append(tuple(row))
@@ -257,8 +257,8 @@ def _day(rest: PlatformComparison, theory: StaticErrors) -> tuple[Section, ...]:
             span = float(np.ptp(error[:, k]))
             mark = "" if name == "closed form" else f"({100.0 * (span / size - 1.0):+.2f} %)"
             row.append(Quantity(name, span, "m", decimals=0, mark=mark))
-        apart = float(np.abs(rest.platform[:, k] - rest.strapdown[:, k]).max())
-        rows.append((*row, Quantity("apart", apart, "m", meaning="largest difference")))
+        difference = float(np.abs(rest.platform[:, k] - rest.strapdown[:, k]).max())
+        rows.append((*row, Quantity("apart", difference, "m", meaning="largest difference")))
     table = of_section("platform.day", rows, {"duration": platform_errors.DAY / 3600})
     return table, only_json("day_largest_n_e", *largest)
 
@@ -266,15 +266,15 @@ def _day(rest: PlatformComparison, theory: StaticErrors) -> tuple[Section, ...]:
 def platform_track(study: PlatformStudy) -> Track:
     """Draw a map: the solution, the solution without the platform's errors, and the reference if available."""
     solution, ref = study.run.solution, study.reference
-    others = [] if ref is None else [("reference", ref, GREY)]
+    other_tracks = [] if ref is None else [("reference", ref, GREY)]
     if study.errors.any:
-        others.append(("without the platform's errors", study.run.undisturbed, GREEN))
+        other_tracks.append(("without the platform's errors", study.run.undisturbed, GREEN))
 
     def on_map(lla: FloatArray) -> tuple[FloatArray, FloatArray]:
         north, east, _ = ned_offset(lla, solution.lla[0]).T
         return east, north
 
-    behind = tuple(Curve(name, *on_map(each.lla), colour=colour) for name, each, colour in others)
+    behind = tuple(Curve(name, *on_map(each.lla), colour=colour) for name, each, colour in other_tracks)
     shade = Shade("speed [m/s]", np.linalg.norm(solution.v_n[:, :2], axis=1))
     east, north = on_map(solution.lla)
     time = Clock.of(solution.time)(solution.time)
@@ -362,7 +362,7 @@ def convergence_panel(found: Sequence[Convergence]) -> Panel:
         name, colour = f"{each.integrator}: order {each.order:.2f}", COLOURS[each.integrator]
         # the line of backward is dashed, as it coincides with the line of forward
         kind: Kind = "dashed" if each.integrator == "backward" else "line"
-        curves += [Curve(name, each.step, each.error, colour, how) for how in (kind, "points")]
+        curves += [Curve(name, each.step, each.error, colour, line_kind) for line_kind in (kind, "points")]
     labels, note = ("Order of convergence on y = sin t", "largest error", "step [s]"), "of the integral from 0 to 5 s"
     return Panel("sine", *labels, tuple(curves), note=f"{note}; the slope is the order", log="xy", height=300)
 
@@ -383,10 +383,10 @@ def difference_panels(differences: Mapping[Integrator, TrajectoryErrors], agains
     """Draw differences of the integrators, in position and velocity, from a reference or from one integrator."""
     time = next(iter(differences.values())).time
     clock = Clock.of(time)
-    for what, unit, size in (("Position", "m", lambda each: each.horizontal), ("Velocity", "m/s", speed_of)):
+    for quantity, unit, size in (("Position", "m", lambda each: each.horizontal), ("Velocity", "m/s", speed_of)):
         lines = {name: size(each) for name, each in differences.items()}
-        labels = f"{what} of the integrators against {against}", f"horizontal [{unit}]", clock.label
-        yield _differing(f"difference_{what}".lower(), labels, clock(time), lines)
+        labels = f"{quantity} of the integrators against {against}", f"horizontal [{unit}]", clock.label
+        yield _differing(f"difference_{quantity}".lower(), labels, clock(time), lines)
 
 
 def speed_of(errors: TrajectoryErrors) -> FloatArray:

@@ -194,9 +194,9 @@ def _verdict(found: Regression) -> Verdict:
 def verdict_text(comparison: Comparison, then: Origin) -> str:
     """Summarise the comparison with the baseline `then` in a sentence: numbers of better and worse figures."""
     better, worse = (sum(change.verdict == name for change in comparison.changes) for name in ("better", "worse"))
-    which = f"version {then.version} ({then.commit or 'no commit'}, {then.date})"
+    version = f"version {then.version} ({then.commit or 'no commit'}, {then.date})"
     outcome = "passed" if comparison.passed else f"FAILED: {len(comparison.failing) + len(comparison.broken)}"
-    return f"{outcome}: {better} better, {worse} worse of {panels.figures_tested(comparison)} figures against {which}"
+    return f"{outcome}: {better} better, {worse} worse of {panels.figures_tested(comparison)} figures against {version}"
 
 
 def _merits(found: Regression) -> tuple[Quantity, ...]:
@@ -255,10 +255,10 @@ def power_section(baseline: Baseline) -> Section:
         for key, values in case.measured.values.items():
             if key == "cpu_ratio" or key not in BY_KEY:
                 continue
-            known = values[np.isfinite(values)]
-            least = detectable_apart(known, BY_KEY[key], pieces=case.pieces, tests=tests)
+            finite = values[np.isfinite(values)]
+            least = detectable_apart(finite, BY_KEY[key], pieces=case.pieces, tests=tests)
             row = Quantity("case", name), Quantity("metric", key, meaning=BY_KEY[key].label)
-            drives = Quantity("drives", known.size, meaning="pieces" if case.pieces else "drives")
+            drives = Quantity("drives", finite.size, meaning="pieces" if case.pieces else "drives")
             rows.append((*row, drives, Quantity("detectable", least if least <= UNDETECTABLE else None, "%")))
     return of_section("regression.power", rows, {"power": 100 * POWER, "level": ALPHA})
 
@@ -326,8 +326,8 @@ def markdown_table(section: Section) -> list[str]:
 
 def peers_of(text: str) -> list[str]:
     """Return the lines about other programs from the text of a Markdown section."""
-    found = re.search(rf"^## {PEERS}\n.*?(?=^## |^- |\Z)", text, re.DOTALL | re.MULTILINE)
-    return found[0].splitlines() if found else []
+    match = re.search(rf"^## {PEERS}\n.*?(?=^## |^- |\Z)", text, re.DOTALL | re.MULTILINE)
+    return match[0].splitlines() if match else []
 
 
 def made_line(now: Origin, command: str = "insnav regress --plot") -> str:

@@ -50,14 +50,14 @@ def figures_tested(comparison: Comparison) -> int:
 
 
 def is_unclear(change: Change, tests: int) -> bool:
-    """Return whether a figure may have changed without detection, as only changes above `FAILS_FROM` are detected."""
+    """Return whether a change may be undetected: none is significant, and only changes above `FAILS_FROM` would be."""
     if change.verdict != "same" or change.metric.kind == "cpu":
         return False
     return detectable(change.shift, tests) > FAILS_FROM
 
 
 def unclear_changes(comparison: Comparison) -> int:
-    """Count the figures that may have changed without detection."""
+    """Count the figures with a possibly undetected change; see `is_unclear`."""
     return sum(is_unclear(change, figures_tested(comparison)) for change in comparison.changes)
 
 
@@ -113,16 +113,16 @@ def _behind(change: Change, result: Accuracy, baseline: Baseline, history: Seque
         label = f"{metric.label} [{metric.unit}]" if metric.unit else metric.label
         tables.append(Table("over the versions", ("version", "date", label, "95 %", ""), tuple(rows)))
     old, new = (each[name].measured.values[metric.key] for each in (baseline.cases, result.cases))
-    what = "piece" if result.cases[name].pieces else "drive"
+    sample = "piece" if result.cases[name].pieces else "drive"
     pairs = list(zip(old.tolist(), new.tolist(), strict=False))[:_DRIVES]
-    columns = (what, *(str(k) for k in range(1, len(pairs) + 1)))
+    columns = (sample, *(str(k) for k in range(1, len(pairs) + 1)))
     then, now = (tuple(number(each) for each in side) for side in zip(*pairs, strict=True))
-    return (*tables, Table(f"{what}s, baseline and now", columns, (("baseline", *then), ("now", *now))))
+    return (*tables, Table(f"{sample}s, baseline and now", columns, (("baseline", *then), ("now", *now))))
 
 
 def history_panels(history: Sequence[Entry], baseline: Baseline | None, metric: Metric) -> Iterator[Panel]:
     """Draw one figure of merit over the versions, a panel per case, with 95 % intervals and the baseline."""
-    last, place = history[-1], np.arange(len(history), dtype=np.float64)
+    last, x = history[-1], np.arange(len(history), dtype=np.float64)
     versions = [each.origin.version for each in history]
     first = [i for i, name in enumerate(versions) if i == 0 or name != versions[i - 1]]
     shown = first if len(first) <= _TICKS else [first[k] for k in np.linspace(0, len(first) - 1, _TICKS).astype(int)]
@@ -130,7 +130,7 @@ def history_panels(history: Sequence[Entry], baseline: Baseline | None, metric: 
     for name, metrics in last.metrics.items():
         if metric.key not in metrics:
             continue
-        curves = _versions(history, place, name, metric)
+        curves = _versions(history, x, name, metric)
         old = None if baseline is None else baseline.cases.get(name)
         if old is not None and old.digest == last.digests.get(name) and metric.key in old.measured.values:
             level = np.full(2, metric.typical(old.measured.values[metric.key]))
@@ -148,15 +148,17 @@ def _versions(history: Sequence[Entry], place: FloatArray, name: str, metric: Me
     unknown = (np.nan, np.nan, np.nan)
     value = np.array([each.metrics.get(name, {}).get(metric.key, unknown) for each in history], dtype=np.float64)
     digests = [each.digests.get(name) for each in history]
+    # a line of its own for each stretch of versions in which the case did not change
     starts = [0, *(i for i in range(1, len(history)) if digests[i] != digests[i - 1]), len(history)]
     curves = []
     for start, end in pairwise(starts):
-        at, (middle, low, high) = place[start:end], value[start:end].T
-        bars = np.column_stack((low, high, np.full(len(at), np.nan))).ravel()
-        curves.append(Curve("", np.repeat(at, 3), bars, BLUE, "thin"))
-        curves += [Curve("", at, middle, BLUE, "line"), Curve("", at, middle, BLUE, "points")]
+        x, (middle, low, high) = place[start:end], value[start:end].T
+        bars = np.column_stack((low, high, np.full(len(x), np.nan))).ravel()
+        curves.append(Curve("", np.repeat(x, 3), bars, BLUE, "thin"))
+        curves += [Curve("", x, middle, BLUE, "line"), Curve("", x, middle, BLUE, "points")]
     for verdict, colour in (("better", GREEN), ("worse", VERMILLION)):
         has_verdict = [each.verdicts.get(name, {}).get(metric.key) == verdict for each in history]
+        # only the first version of a series with equal verdicts is marked
         begun = [i for i, now in enumerate(has_verdict) if now and not (i and has_verdict[i - 1])]
         curves.append(Curve("", place[begun], value[begun, 0], colour, "crosses"))
     return curves

@@ -95,13 +95,13 @@ def _merits(study: RequirementStudy) -> tuple[Quantity, ...]:
 def _answer(study: RequirementStudy) -> str:
     """Write how many IMUs meet the requirement, alone and with NHC, and the least accurate of them, in a sentence."""
     alone, aided = _met(study, "alone"), _met(study, "nhc")
-    more = [name for name in aided if name not in alone]
+    nhc_only = [name for name in aided if name not in alone]
     count, required = len(study.candidates), study.required
     text = f"{len(_met(study, 'alone', 'yes'))} of {count} IMUs stay within {required.error:g} m for "
     text += f"{required.after:g} s alone{_likely(study, 'alone')}"
     text += f", the least accurate of them {', '.join(alone[:3])}" if alone else ""
     text += f"; {len(_met(study, 'nhc', 'yes'))} with NHC{_likely(study, 'nhc')}"
-    return text + (f", the least accurate {', '.join(more[:3])}." if more else ".")
+    return text + (f", the least accurate {', '.join(nhc_only[:3])}." if nhc_only else ".")
 
 
 def _likely(study: RequirementStudy, kind: str) -> str:
@@ -118,27 +118,27 @@ def _parts(study: RequirementStudy) -> tuple[Section, ...]:
         "figures better than their class. Times: when the error exceeds 1, 10, 100 m"
         + f" (– : not within {study.time[-1]:g} s). Missing: usual figures without a document, see insnav imus PART."
     )
-    near, every = nearest(study, _NEAR), tuple(_part(study, each) for each in study.candidates)
+    near, all_rows = nearest(study, _NEAR), tuple(_part(study, each) for each in study.candidates)
     brief = tuple(tuple(one for one in _part(study, each) if one.key in _BRIEF) for each in near)
     subset = f", the {len(near)} of {len(study.candidates)} nearest to it" if len(near) < len(study.candidates) else ""
     return (
         drawn("parts", f"Real IMUs: {study.required.text}", part_panels(study), outages_text(study), columns=2),
         Section("", f"Which IMUs meet it{subset}", rows=brief),
-        Section("parts", f"All IMUs, {outages_text(study)}", rows=every, note=note, show="page", folded=True),
+        Section("parts", f"All IMUs, {outages_text(study)}", rows=all_rows, note=note, show="page", folded=True),
     )
 
 
 def _part(study: RequirementStudy, each: Candidate) -> tuple[Quantity, ...]:
     limit = study.required.error
     row = [*of_table("requirement.part", each)]
-    for key, label, found in (("alone", "alone", each.alone), ("nhc", "NHC", each.nhc)):
+    for key, label, result in (("alone", "alone", each.alone), ("nhc", "NHC", each.nhc)):
         row += [
-            Quantity(f"{key}_error", found.error, "m", meaning=f"{label}: error"),
-            Quantity(f"{key}_meets", found.answer, meaning="meets"),
-            Quantity(f"{key}_margin", limit / found.error, meaning="limit / error", digits=2),
+            Quantity(f"{key}_error", result.error, "m", meaning=f"{label}: error"),
+            Quantity(f"{key}_meets", result.answer, meaning="meets"),
+            Quantity(f"{key}_margin", limit / result.error, meaning="limit / error", digits=2),
             *(
                 Quantity(f"{key}_time_to_{m:g}_m", time if np.isfinite(time) else None, "s", meaning=f"to {m:g} m")
-                for m, time in zip(LIMITS, found.reaches, strict=True)
+                for m, time in zip(LIMITS, result.reaches, strict=True)
             ),
         ]
     return (*row, Quantity("missing", len(each.missing), meaning="missing"))
@@ -180,10 +180,10 @@ def _rows(study: RequirementStudy) -> tuple[tuple[Quantity, ...], ...]:
 def _verification(study: RequirementStudy) -> tuple[tuple[Quantity, ...], ...]:
     wanted, rows = study.required.probability, []
     for each in study.verified:
-        which, share = f"{each.factor:g} x the set", each.within / each.runs
+        set_name, share = f"{each.factor:g} x the set", each.within / each.runs
         error = Quantity("error", each.error, "m", meaning=f"{100 * wanted:g} % error")
         meets = Quantity("meets", each.meets(wanted), meaning=f"agrees with {100 * wanted:g} %")
-        rows.append((*of_table("requirement.run", each, set=which, probability=share), error, meets))
+        rows.append((*of_table("requirement.run", each, set=set_name, probability=share), error, meets))
     return tuple(rows)
 
 
@@ -192,9 +192,9 @@ def summary(study: RequirementStudy) -> tuple[str, ...]:
     found, required = study.allocation, study.required
     lines = [f"Motion: {study.motion}."]
     if study.imu:
-        left = f"{number(found.given / required.error)} times the limit, with no share for other errors."
-        left = "the other errors share the rest." if found.feasible else left
-        lines.append(f"The figures of {study.imu} alone make {number(found.given)} m: {left}")
+        remark = f"{number(found.given / required.error)} times the limit, with no share for other errors."
+        remark = "the other errors share the rest." if found.feasible else remark
+        lines.append(f"The figures of {study.imu} alone make {number(found.given)} m: {remark}")
     if found.feasible:
         tight = sorted((share for share in found.shares if not share.given and not share.capped), key=lambda s: -s.part)
         sizes = (f"{each.family} {_size(each.size, each)}" for each in tight[:6])

@@ -39,7 +39,8 @@ from insnav.sample_statistics import rms, rms_length
 from insnav.types import AidingUse, Alignment, Epochs, FloatArray, GpsData, Innovations, Run, SensorErrors, Smoothed
 from insnav.units import DEG, DEG_PER_H
 
-_IN_WORDS = ("nis_mean_per_axis", "horizontal_sd", "inside_3_sd")  # figures of merit that the verdict contains
+# The terminal table omits these figures of merit, since the verdict contains them.
+_IN_WORDS = ("nis_mean_per_axis", "horizontal_sd", "inside_3_sd")
 SCATTER = 2.0  # fixes and solution contradict each other above this mean NIS per axis; 1 is ideal [-]
 CAREFUL = 3.0  # the verdict calls the stated sd cautious above this ratio of stated sd to position errors [-]
 FEW = 10  # a reference needs at least this number of epochs for a verdict
@@ -61,8 +62,8 @@ PDF_PAGES = {
     "filter": ("innovations", "biases"),
 }
 BACKDROP = "backdrop.geojson"
-MOST_POINTS = 50_000  # points on a page
-_DEPTH = {"LineString": 0, "MultiLineString": 1, "Polygon": 1, "MultiPolygon": 2}  # levels above the lists of points
+MOST_POINTS = 50_000  # largest number of points of a backdrop
+_DEPTH = {"LineString": 0, "MultiLineString": 1, "Polygon": 1, "MultiPolygon": 2}  # nesting above the lists of points
 
 
 def run_verdict(found: EvaluatedRun, warnings: int) -> Verdict:
@@ -105,6 +106,7 @@ def run_line(result: Result[EvaluatedRun]) -> str:
         return phrase("run.empty")
     time, distance = run.solution.time, travelled(run.solution)[0]
     spans = outages(run)
+    # outages inside the drive: neither at its start nor at its end
     inside = [(end - start, rejected) for start, end, rejected in spans if start > time[0] and end < time[-1]]
     parts = [phrase("run.drive", duration=duration_text(float(np.ptp(time))), distance=distance_text(distance))]
     rates = {name: result.inputs[name].rate_hz for name in ("imu", "gps") if name in result.inputs}
@@ -168,6 +170,7 @@ def inside(errors: TrajectoryErrors, group: str = "position") -> float | None:
 
 
 def _light(found: EvaluatedRun, warnings: int) -> tuple[Light, str]:
+    # the first condition that applies decides: unusable references, serious faults, then warnings
     shares = [share for each in found.errors_on_clock.values() if (share := inside(each)) is not None]
     epochs = max((len(each.time) for each in found.errors_on_clock.values()), default=0)
     if 0 < epochs < FEW:
@@ -233,7 +236,7 @@ def brief_lines(page: Page, found: EvaluatedRun, width: int | None = None) -> li
 
 
 def _with_options(said: Message) -> str:
-    """Write a finding: what was observed, what insnav did about it, and in brackets the options that change this."""
+    """Write a finding: the observation, the action of insnav, and in brackets the options that change this action."""
     options, stop = form("list").join(re.findall("--[a-z-]+", said.advice)), form("stop")
     text = form("joint").join(filter(None, (said.text, said.done)))
     return f"{text.removesuffix(stop)}{form('brackets').format(options)}{stop}" if options else text
@@ -256,7 +259,7 @@ def _estimates(found: EvaluatedRun) -> Iterator[str]:
 
 
 def _rejected(run: Run, measured: int) -> Iterator[str]:
-    """Yield the number of fixes that each gate rejected, with their largest innovation. `measured`: 2 or 3 axes."""
+    """Yield phrases on rejected positions and velocities: number, largest innovation. `measured`: 2 or 3 axes."""
     fixes = run.innovations
     for name, unit, part, kinds in (
         ("rejected_positions", "m", slice(0, measured), {Code.GATE_POSITION, Code.GATE_PHYSICAL_POSITION}),
@@ -275,7 +278,7 @@ def _table(merits: dict[str, list[Quantity]]) -> list[str]:
     if not first:
         return []
     names = [f"{each.label} [{each.shown_unit}]" if each.shown_unit else each.label for each in first]
-    rows = tuple((name, *(cell(own[i]) for own in merits.values())) for i, name in enumerate(names))
+    rows = tuple((name, *(cell(quantities[i]) for quantities in merits.values())) for i, name in enumerate(names))
     return table_text(Table("", ("", *(phrase(f"run.{mode}") for mode in merits)), rows)).splitlines()
 
 
@@ -358,9 +361,9 @@ def _draw(name: str, found: EvaluatedRun) -> Figure:
 def write_files(result: Result[EvaluatedRun], folder: RunFolder, table_format: solution_tables.TableFormat) -> None:
     """Write solution, fixes, innovations, errors, sensor errors, IMU model, events and track as files.
 
-    `folder`: entered, not committed. `table_format` {"csv", "parquet"}: format of the large tables.
+    `folder`: open, inside its ``with`` block. `table_format` {"csv", "parquet"}: format of the large tables.
     """
-    found, run, place = result.found, result.found.run, folder.directory
+    found, run, directory = result.found, result.found.run, folder.directory
     tables = [("", run.solution), ("", run.innovations), ("", run.sensor_errors), ("", found.gps)]
     tables += [("errors", found.errors), ("smoothed_errors", found.smoothed_errors)]
     if run.smoothed is not None:
@@ -368,11 +371,11 @@ def write_files(result: Result[EvaluatedRun], folder: RunFolder, table_format: s
     tables.append(("poses", run.poses))
     for name, table in tables:
         if table is not None:
-            solution_tables.write_run_table(place, table, table_format, name)
+            solution_tables.write_run_table(directory, table, table_format, name)
     if result.imu_model is not None:
         folder.path("imu.toml").write_text(to_toml(result.imu_model[0]), encoding="utf-8", newline="\n")
-    solution_tables.write_events(place, result.findings or run.events)
-    write_kml(place, found.best, Path(result.inputs["imu"].path).name if "imu" in result.inputs else "track")
+    solution_tables.write_events(directory, result.findings or run.events)
+    write_kml(directory, found.best, Path(result.inputs["imu"].path).name if "imu" in result.inputs else "track")
     if found.backdrop is not None:
         write_backdrop(found.backdrop, folder.path(BACKDROP))
     if found.short_duration:
@@ -441,8 +444,8 @@ def read_found(folder: Path, findings: Sequence[Finding]) -> EvaluatedRun:
 
 def _is_event(finding: Finding) -> bool:
     """Return whether a finding is an event of the filter: it has a time, or is a warning, such as on a reference."""
-    known = finding.severity >= Severity.WARNING and finding.get("text") is None
-    return finding.code not in OF_RESULTS and (finding.timed or known)
+    is_warning = finding.severity >= Severity.WARNING and finding.get("text") is None
+    return finding.code not in OF_RESULTS and (finding.timed or is_warning)
 
 
 def _alignment(facts: Mapping[str, Any]) -> Alignment:
@@ -487,12 +490,12 @@ def read_backdrop(file: Path) -> FloatArray:
         raise InputError("report.not_geojson", where=str(file), reason=str(error)) from error
     if not points:
         raise InputError("report.empty_backdrop", where=str(file))
-    found = np.concatenate([np.vstack((each, np.full((1, 2), np.nan))) for each in points])
-    if len(found) > MOST_POINTS:
-        raise InputError("report.large_backdrop", where=str(file), count=len(found), limit=MOST_POINTS)
-    if np.nanmax(np.abs(found[:, 0])) > 90.0 or np.nanmax(np.abs(found[:, 1])) > 180.0:
+    vertices = np.concatenate([np.vstack((each, np.full((1, 2), np.nan))) for each in points])
+    if len(vertices) > MOST_POINTS:
+        raise InputError("report.large_backdrop", where=str(file), count=len(vertices), limit=MOST_POINTS)
+    if np.nanmax(np.abs(vertices[:, 0])) > 90.0 or np.nanmax(np.abs(vertices[:, 1])) > 180.0:
         raise InputError("report.backdrop_unit", where=str(file))
-    return found * DEG
+    return vertices * DEG
 
 
 def write_backdrop(lines: FloatArray, file: Path) -> None:

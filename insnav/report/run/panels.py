@@ -37,7 +37,7 @@ _GATES: dict[str, tuple[Code, ...]] = {
     "velocity": (Code.GATE_VELOCITY, Code.DEWEIGHTED_VELOCITY),
 }
 _GATES[""] = (*_GATES["position"], *_GATES["velocity"])
-_COLOURS = {"filtered": (style.BLUE, style.SKY), "smoothed": (style.VERMILLION, style.ORANGE)}  # of line, of band
+_COLOURS = {"filtered": (style.BLUE, style.SKY), "smoothed": (style.VERMILLION, style.ORANGE)}  # line, band
 _BEYOND = 90.0  # an unwrapped heading may exceed 0..360 deg by this angle; otherwise it is wrapped [deg]
 _SETTLED = 0.2  # share of the run whose wide bands of estimates do not determine the axis limits [-]
 _SENSORS = (
@@ -154,14 +154,14 @@ def _banded(
 
     `time` (n,) [s]. `value` (n, 3): lines. `half` (n, 3): half widths. `around`: middle of the bands; None: `value`.
     """
-    at, columns = broken_at_gaps(axis.clock(time), np.column_stack((value, half)))
+    x, columns = broken_at_gaps(axis.clock(time), np.column_stack((value, half)))
     curves = []
     for k, (name, colour) in enumerate(zip(names, style.AXIS_COLOURS, strict=True)):
         line, width = columns[:, k], columns[:, 3 + k]
         middle = line if around is None else around
-        band = Curve(name, at, middle + width, colour, "band", middle - width, mode)
+        band = Curve(name, x, middle + width, colour, "band", middle - width, mode)
         curves += [band] if np.isfinite(width).any() else []
-        curves.append(Curve(name, at, line, colour, mode=mode))
+        curves.append(Curve(name, x, line, colour, mode=mode))
     return curves
 
 
@@ -244,11 +244,11 @@ def _motion(found: EvaluatedRun, axis: RunAxis) -> list[Panel]:
         tilts += [Curve(n, time, columns[:, 2 + k], style.AXIS_COLOURS[k], mode=mode) for k, n in enumerate(_RPH[:2])]
         headings.append(Curve("heading", time, wrapped(columns[:, 4]), style.BLUE, mode=mode))
     if gps is not None:
-        at = axis.clock(gps.time)
-        speeds.insert(0, Curve("GPS", at, np.linalg.norm(gps.v_n, axis=1), style.GREY, "points"))
-        heights.insert(0, Curve("GPS, at the antenna", at, gps.lla[:, 2], style.GREY, "points"))
+        axis_time = axis.clock(gps.time)
+        speeds.insert(0, Curve("GPS", axis_time, np.linalg.norm(gps.v_n, axis=1), style.GREY, "points"))
+        heights.insert(0, Curve("GPS, at the antenna", axis_time, gps.lla[:, 2], style.GREY, "points"))
         named = ("satellites", gps.satellites, style.BLUE), ("DOP", gps.dop, style.ORANGE)
-        seen = [Curve(name, at, values, color, "points") for name, values, color in named if values is not None]
+        seen = [Curve(name, axis_time, values, color, "points") for name, values, color in named if values is not None]
     return [
         axis.panel("speed", "Speed", "speed [m/s]", speeds),
         axis.panel("height", "Height", "height [m]", heights, note="height of the IMU, datum of the fixes"),
@@ -266,8 +266,8 @@ def _events(run: Run, axis: RunAxis) -> list[Panel]:
         events = list(of_code(timed, code))
         marked = events[:: max(1, -(-len(events) // EVENTS))]
         texts = tuple(f"{axis.clock.moment(each.begin, each.end)}: {axis.clock.sentence(each)}" for each in marked)
-        at = axis.clock(np.array([each.begin for each in marked]))
-        curves.append(Curve("event", at, np.full(len(marked), float(row)), style.VERMILLION, "points", text=texts))
+        x = axis.clock(np.array([each.begin for each in marked]))
+        curves.append(Curve("event", x, np.full(len(marked), float(row)), style.VERMILLION, "points", text=texts))
     if not curves:
         return []
     height = 70 + 34 * len(rows)
@@ -298,9 +298,9 @@ def run_track(found: EvaluatedRun) -> Track:
     if gps is not None and gps.fix is not None and len(gps.time):
         shades.append(Shade("fix", gps.fix[nearest_rows(gps.time, time)].astype(np.float64), _FIX_TYPES))
     if np.isfinite(run.innovations.nis_position).any():
-        known = np.isfinite(run.innovations.nis_position)
-        at, nis = run.innovations.time[known], run.innovations.nis_position[known] / 3.0
-        shades.append(Shade("NIS of position, per axis [-]", nis[nearest_rows(at, time)]))
+        has_nis = np.isfinite(run.innovations.nis_position)
+        nis_time, nis = run.innovations.time[has_nis], run.innovations.nis_position[has_nis] / 3.0
+        shades.append(Shade("NIS of position, per axis [-]", nis[nearest_rows(nis_time, time)]))
     fixes = None if gps is None else ned_offset(gps.lla, origin)[:, [1, 0]]
     behind = *_reference(found, origin), *_rejected(run, time, position)
     if found.backdrop is not None:
@@ -334,9 +334,9 @@ def _rejected(run: Run, time: FloatArray, position: FloatArray) -> tuple[Curve, 
     refused = np.isfinite(fixes.innovation[:, :2]).all(axis=1) & ~fixes.used_position
     if not refused.any():
         return ()
-    at, off = fixes.time[refused], fixes.innovation[refused]
-    north, east = (np.interp(at, time, position[:, k]) + off[:, k] for k in (0, 1))
-    return (Curve(f"position rejected ({len(at)})", east, north, style.VERMILLION, "crosses"),)
+    fix_time, innovation = fixes.time[refused], fixes.innovation[refused]
+    north, east = (np.interp(fix_time, time, position[:, k]) + innovation[:, k] for k in (0, 1))
+    return (Curve(f"position rejected ({len(fix_time)})", east, north, style.VERMILLION, "crosses"),)
 
 
 def figure_drawings(name: str, found: EvaluatedRun) -> tuple[str, str, tuple[Drawing, ...], int]:
@@ -383,10 +383,10 @@ def _lines(
 ) -> list[Curve]:
     """Draw a line (n,) with a band of half width (n,) around it, or around zero if it has no `name`: an error."""
     colour, shade = _COLOURS[mode]
-    at, columns = broken_at_gaps(Clock.of(found.run.solution.time)(time), np.column_stack((value, half)))
+    x, columns = broken_at_gaps(Clock.of(found.run.solution.time)(time), np.column_stack((value, half)))
     middle = columns[:, 0] if name else 0.0
-    band = Curve(f"±3 sd, {mode}", at, middle + columns[:, 1], shade, "band", middle - columns[:, 1])
-    return [band, Curve(name or mode, at, columns[:, 0], colour)]
+    band = Curve(f"±3 sd, {mode}", x, middle + columns[:, 1], shade, "band", middle - columns[:, 1])
+    return [band, Curve(name or mode, x, columns[:, 0], colour)]
 
 
 def _errors(found: EvaluatedRun, group: str) -> tuple[Panel, ...]:
@@ -407,7 +407,7 @@ def _errors(found: EvaluatedRun, group: str) -> tuple[Panel, ...]:
 def _state(
     found: EvaluatedRun, label: str, value: FloatArray, column: int, fixes: FloatArray | None = None, **how: Any
 ) -> Panel:
-    """Draw one state of the better solution (n,) with a band of 3 sd, and fixes (m,). `column`: of its sd."""
+    """Draw a state (n,) of the better solution with its 3 sd, and fixes (m,). `column`: column of the state's sd."""
     (mode, solution), gps = next(iter(found.solutions.items())), found.gps
     size = 1.0 / DEG if label.endswith("[deg]") else 1.0
     half = np.full_like(value, np.nan) if solution.sd is None else 3.0 * size * solution.sd[:, column]
@@ -441,7 +441,7 @@ def _attitude(found: EvaluatedRun) -> tuple[Panel, ...]:
 
 
 def readable_heading(heading: FloatArray) -> tuple[FloatArray, bool]:
-    """Convert a heading (n,) [rad] to degrees: unwrapped, True, if within `_BEYOND` of 0..360; else wrapped, False."""
+    """Convert a heading (n,) [rad] to [deg]: unwrapped and True if within `_BEYOND` of 0..360; else wrapped, False."""
     smooth = np.degrees(np.unwrap(heading))
     if smooth.min() > -_BEYOND and smooth.max() < 360.0 + _BEYOND:
         return smooth, True
@@ -461,7 +461,7 @@ def _uncertainty(found: EvaluatedRun) -> tuple[Panel, ...]:
         time, columns = broken_at_gaps(Clock.of(found.run.solution.time)(solution.time), np.column_stack(sizes))
         for k in range(4):
             curves[k].append(Curve(mode, time, columns[:, k], _COLOURS[mode][0]))
-    return tuple(_panel(found, label, own, log="y") for label, own in zip(labels, curves, strict=True))
+    return tuple(_panel(found, label, lines, log="y") for label, lines in zip(labels, curves, strict=True))
 
 
 def _innovations(found: EvaluatedRun) -> tuple[tuple[Panel, ...], int]:
@@ -476,6 +476,7 @@ def _innovations(found: EvaluatedRun) -> tuple[tuple[Panel, ...], int]:
             value, sd = fixes.innovation[:, 3 * i + k], 3.0 * fixes.sd[:, 3 * i + k]
             used: BoolArray = getattr(fixes, f"used_{group}") & np.isfinite(value)
             refused = np.isfinite(value) & ~used
+            # the axis shows all accepted innovations and the usual 3 sd; rejected fixes may lie outside
             expected = sd[used] if used.any() else sd[refused]
             typical = float(np.percentile(expected, 98.0)) if expected.size else 0.0
             limit = 1.1 * max(float(np.max(np.abs(value[used]), initial=0.0)), typical, 1e-9)
@@ -512,6 +513,7 @@ def _sensor_errors(found: EvaluatedRun) -> tuple[Panel, ...]:
             middle, wide = value[:, axis], half[:, axis]
             curves.append(Curve("", time, middle + wide, colour, "band", middle - wide))
             curves.append(Curve("xyz"[axis], time, middle, colour))
+        # the axis shows the whole estimate, but its band only after the first fifth of the run
         low = min(float(np.nanmin(value)), float(np.nanmin((value - half)[later:])))
         high = max(float(np.nanmax(value)), float(np.nanmax((value + half)[later:])))
         margin = 0.05 * (high - low) or 1.0
@@ -532,7 +534,7 @@ def drive_figure(recording: Recording) -> Any:
         rows.append(("Fixes, relative to the first", "distance [m]", time, offset, style.NED, "points"))
         rows.append(("Velocity of the fixes", "velocity [m/s]", time, gps.data.v_n, style.NED, "points"))
     files = recording.given().values()
-    gaps = [(each.begin, each.begin + each["gap_s"]) for one in files for each in of_code(one.events, Code.ROWS_GAP)]
+    gaps = [(each.begin, each.begin + each["gap_s"]) for file in files for each in of_code(file.events, Code.ROWS_GAP)]
     spans = tuple((float(begin), float(end)) for begin, end in clock(np.reshape(gaps, (-1, 2))))
     panels = [
         Panel(title, title, label, clock.label, tuple(curves), "time", spans=spans)

@@ -21,7 +21,7 @@ from insnav.report.tables import of_table
 from insnav.sample_statistics import rms, rms_length
 from insnav.types import Alignment, BoolArray, FloatArray, Run, SensorErrors, Trajectory
 
-if TYPE_CHECKING:  # a run has no fleet
+if TYPE_CHECKING:  # only type hints need `insnav.fleet`
     from insnav.fleet.tuning import Tuned
 
 TIMES = (10.0, 30.0, 60.0)  # times since the start of a window in the table of short-duration mechanization [s]
@@ -213,14 +213,14 @@ def mean_nis(run: Run, *halves: str) -> float | None:
     limit = min((event.limit for event in deweighted), default=np.inf)
     groups = halves or ("position", "velocity")
     nis = np.concatenate([getattr(fixes, f"nis_{name}")[getattr(fixes, f"used_{name}")] for name in groups])
-    known = np.minimum(nis[np.isfinite(nis)], limit)
-    return float(known.mean()) / 3.0 if known.size else None
+    finite = np.minimum(nis[np.isfinite(nis)], limit)
+    return float(finite.mean()) / 3.0 if finite.size else None
 
 
 def _innovations(innovation: FloatArray, used: BoolArray, unit: str, nis: float | None) -> tuple[Quantity, ...]:
-    known = np.isfinite(innovation)
-    processed = known.any(axis=1)
-    accepted = np.where(known & used[:, None], innovation, np.nan)
+    finite = np.isfinite(innovation)
+    processed = finite.any(axis=1)
+    accepted = np.where(finite & used[:, None], innovation, np.nan)
     rms_by_axis = Quantity("innovation_rms", [rms(each) for each in accepted.T], unit, meaning="innovation RMS N, E, D")
     count = {"accepted": int((processed & used).sum()), "rejected": int((processed & ~used).sum())}
     return (*of_table("run.fixes", processed=int(processed.sum()), **count, nis_mean_per_axis=nis), rms_by_axis)
@@ -307,8 +307,8 @@ def _smoothed(found: EvaluatedRun, reference: str) -> Section:
     run = found.run
     if run.smoothed is None:
         return only_json("", Quantity("smoothed", None))
-    both = (run.solution.sd, run.smoothed.solution.sd)
-    sd = [None if each is None else rms_length(each[:, :2]) for each in both]
+    sds = (run.solution.sd, run.smoothed.solution.sd)
+    sd = [None if each is None else rms_length(each[:, :2]) for each in sds]
     items = [
         Quantity("horizontal_sd", sd[1], "m"),
         Quantity("horizontal_sd_ratio", _ratio(sd[1], sd[0]), meaning="horizontal sd, smoothed / filtered"),

@@ -51,7 +51,7 @@ _GRAVITY = {
 }
 _SAMPLES = {"mean": "means over their interval", "instant": "values at an instant", "increment": "increments"}
 _FACTORS = np.array([1.0] * 6 + [1.0 / DEG] * 3)  # SI to display units of `COMPONENTS`
-# A time-correlated share of receiver errors from the first value on explains a NEES of position from the second on [-].
+# A note explains a large NEES of position by time-correlated fixes above these limits: share of variance, NEES [-].
 _MUCH, _TOO_GOOD = 0.3, 2.0
 _MATTERS = 1.25  # the verdict ignores a smaller NEES per axis: the stated sd is then too small by an eighth at most [-]
 _SHOWN = 5  # largest number of failures that are listed individually
@@ -63,7 +63,7 @@ _UNITS = tuple(unit for _, unit in _COMPONENTS)
 
 
 def write_recording(folder: RunFolder, plan: Plan, made: Recording) -> tuple[Path, Page]:
-    """Write the data, models and report of a simulated recording. `folder`: entered; this function commits it."""
+    """Write the data, models and report of a simulated recording into an open folder, and commit it."""
     write_data(folder.path("imu.csv"), made.imu)
     write_data(folder.path("gps.csv"), made.gps)
     write_data(folder.path("ref.csv"), made.reference)
@@ -167,7 +167,7 @@ def plan_key(plan: Plan) -> str:
 
 
 def write_sketches(folder: RunFolder, profiles: Sequence[MotionProfile]) -> Path:
-    """Write a page with a sketch of every motion profile. `folder`: entered; this function commits it."""
+    """Write a page with a sketch of every motion profile into an open folder, and commit it."""
     rows = tuple(of_table("simulation.profile", each) for each in profiles)
     sketches = tuple(_sketch(each) for each in profiles)
     return write_page(folder, Page("Motion profiles", (), (Section("profiles", rows=rows), *sketches)))
@@ -242,12 +242,12 @@ def motion_lines(plan: Plan, time: FloatArray, motion: Kinematics) -> list[str]:
     lines = [entry("motion", f"{plan.motion.name}: {extent}")]
     if plan.truth.gravity != "full":
         lines.append(entry("gravity", _GRAVITY[plan.truth.gravity]))
-    apart = plan.motion.residual
-    if apart is None:
+    deviation = plan.motion.residual
+    if deviation is None:
         return lines
-    velocity = f" and {number(apart.velocity)} m/s" if math.isfinite(apart.velocity) else ""
-    text = f"{number(apart.position)} m{velocity} RMS from its track, at most {number(apart.farthest)} m"
-    return [*lines, entry("replica", text), *(entry("warning", sentence(doubt)) for doubt in apart.doubts)]
+    velocity = f" and {number(deviation.velocity)} m/s" if math.isfinite(deviation.velocity) else ""
+    text = f"{number(deviation.position)} m{velocity} RMS from its track, at most {number(deviation.farthest)} m"
+    return [*lines, entry("replica", text), *(entry("warning", sentence(doubt)) for doubt in deviation.doubts)]
 
 
 def motion_section(plan: Plan, time: FloatArray, motion: Kinematics) -> Section:
@@ -258,13 +258,13 @@ def motion_section(plan: Plan, time: FloatArray, motion: Kinematics) -> Section:
     speed, length = float(np.linalg.norm(motion.v_n, axis=1).max()), track_length(time, motion)
     sizes = {"distance": length, "max_speed": speed, "max_rate": rate, "max_specific_force": force}
     shown = of_table("simulation.motion", plan.truth, height_range=heights, **sizes)
-    place = of_table("simulation.start", plan.truth, start_lat=lat, start_lon=lon, start_height=height)
+    start = of_table("simulation.start", plan.truth, start_lat=lat, start_lon=lon, start_height=height)
     source = (Quantity(key, value) for key, value in plan.motion.source.items())
-    more = (Quantity("name", plan.motion.name), Quantity("purpose", plan.motion.purpose), *source, *place)
+    more = (Quantity("name", plan.motion.name), Quantity("purpose", plan.motion.purpose), *source, *start)
     parts = [only_json("", *more)]
-    if (apart := plan.motion.residual) is not None:
-        doubts = only_json("", Quantity("doubts", tuple(sentence(each, "en") for each in apart.doubts)))
-        items = of_table("simulation.replica", apart)
+    if (deviation := plan.motion.residual) is not None:
+        doubts = only_json("", Quantity("doubts", tuple(sentence(each, "en") for each in deviation.doubts)))
+        items = of_table("simulation.replica", deviation)
         parts.append(Section("replica", "Simulated replica minus its track", items, parts=(doubts,)))
     return Section("motion", f"Motion: {plan.motion.purpose or plan.motion.name}", shown, parts=tuple(parts))
 
@@ -321,7 +321,7 @@ def track_length(time: FloatArray, motion: Kinematics) -> float:
 
 
 def write_runs(folder: RunFolder, plan: Plan, runs: Runs) -> tuple[Path, Page]:
-    """Write tables, models and report of an ensemble of runs. `folder`: entered; this function commits it.
+    """Write tables, models and report of an ensemble of runs into an open folder, and commit it.
 
     `runs`: results of `insnav.errors.ensemble.NavigatedRecording`. Raises: InputError: every run failed.
     """
@@ -475,14 +475,14 @@ def ensemble_panels(found: Ensemble) -> tuple[Panel, ...]:
     for column in (3 * group + axis for axis in range(3) for group in range(3)):
         name, unit = _COMPONENTS[column]
         size = 180.0 / np.pi if unit == "deg" else 1.0
-        error, sd, least, most = (size * columns[:, 9 * part + column] for part in range(4))
+        error, sd, lower, upper = (size * columns[:, 9 * part + column] for part in range(4))
         curves = (
-            Curve(f"{100 * BAND:.0f} % band", time, most, BLUE, "band", least),
+            Curve(f"{100 * BAND:.0f} % band", time, upper, BLUE, "band", lower),
             Curve("stated sd", time, sd, BLUE),
             Curve("RMS error", time, error, VERMILLION),
         )
         # The lower limit comes from the stated sd: errors before the departure may be almost zero.
-        limits = 0.5 * float(np.nanmin(least)), 1.5 * float(max(np.nanmax(most), np.nanmax(error)))
+        limits = 0.5 * float(np.nanmin(lower)), 1.5 * float(max(np.nanmax(upper), np.nanmax(error)))
         key, title, label = f"ensemble_{name.replace(' ', '_')}", name.capitalize(), f"error [{unit}]"
         panels.append(Panel(key, title, label, clock.label, curves, "time", note, log="y", limits=limits))
         note = ""
@@ -502,8 +502,8 @@ def nees_panels(found: Ensemble) -> tuple[Panel, ...]:
             Curve("mean of the runs and axes", time, columns[:, row], colour),
         )
         title = f"Normalised error squared of {name}: {100.0 * share[row]:.0f} % of the fixes inside"
-        known = columns[np.isfinite(columns[:, row]), row]
-        top = max(float(np.percentile(known, 99.5)) if known.size else 1.0, float(np.nanmax(columns[:, 4])))
+        finite = columns[np.isfinite(columns[:, row]), row]
+        top = max(float(np.percentile(finite, 99.5)) if finite.size else 1.0, float(np.nanmax(columns[:, 4])))
         note, limits = "" if row else "1 if the stated covariance is right", (0.0, 1.1 * top)
         panels.append(Panel(f"nees_{name}", title, "NEES / 3 [-]", clock.label, curves, "time", note, limits=limits))
     return tuple(panels)
