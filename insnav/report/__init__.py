@@ -1,1 +1,1 @@
-"""Reports of results: facts, figures, pages, one screen of text, and comparisons of runs."""
+"""Reports of results: quantities, figures, HTML and PDF pages, terminal text, and comparisons of runs."""

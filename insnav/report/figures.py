@@ -1,4 +1,4 @@
-"""Figures for papers: fonts, margins, axes, legends, files; panels and maps of a page in matplotlib."""
+"""Image files of reports with matplotlib: style, axes, legends, files; panels and maps as on the HTML page."""
 
 from __future__ import annotations
 
@@ -22,12 +22,12 @@ from insnav.report.panels import Curve, Drawing, Panel, Track, envelope, limits_
 from insnav.types import FloatArray
 
 DOTS_PER_INCH = 130
-_LONG = 1e4  # a logarithmic axis of this range is labelled at powers of ten only
+_LONG = 1e4  # a logarithmic axis with at least this ratio of its limits is labelled at powers of ten only
 _RC: Any = mpl.rc_params_from_file(Path(__file__).with_name("papers.mplstyle"), use_default_template=False)
-_NARROWEST_M = 4.0  # smallest map width, for a vehicle at rest
-_WIDTH = 7.35  # of the map [inch]
-_PIXELS = 108.0  # pixels of a page panel per inch
-_BESIDE = 62  # letters of title and legend that fit on one line above a full-width panel
+_NARROWEST_M = 4.0  # smallest width of a map on the ground, needed for a stationary vehicle
+_WIDTH = 7.35  # width of the map [inch]
+_PIXELS = 108.0  # converts the height of a panel on the page to its height in an image file [px/inch]
+_BESIDE = 62  # number of characters of title and legend that fit on one line above a full-width panel
 _STYLES: dict[str, dict[str, Any]] = {
     "line": {"linewidth": 1.3},
     "dashed": {"linewidth": 1.2, "linestyle": "--"},
@@ -35,22 +35,22 @@ _STYLES: dict[str, dict[str, Any]] = {
     "points": {"linestyle": "", "marker": ".", "markersize": 5.0},
     "crosses": {"linestyle": "", "marker": "x", "markersize": 5.0},
 }
-_FEW = 0.05  # largest share of a curve beyond the limits that is marked as outliers
-_WHERE_FEW = 40  # point count up to which a cloud is drawn large
+_FEW = 0.05  # up to this share of its values, a curve's values beyond the axis limits are marked at the edge
+_WHERE_FEW = 40  # up to this number of points, the points are drawn large
 
 
 @contextmanager
 def drawing() -> Iterator[None]:
-    """Set the style of everything drawn inside, and English words, as the font has no others."""
+    """Set the style of all figures drawn inside this context, and English, since the font lacks other scripts."""
     with mpl.rc_context(_RC), speaking("en"):
         yield
 
 
 def blank(width: float, height: float, title: str, note: str) -> Figure:
-    """Create an empty figure, size in [inch], with headline, explanatory note and margins."""
+    """Create a figure of some size [inch] without axes, with headline, explanatory note and margins."""
     figure = Figure(figsize=(width, height))
     FigureCanvasAgg(figure)
-    # Fixed margins: measured margins would draw everything twice.
+    # The margins are fixed: to measure them, matplotlib would have to draw the whole figure twice.
     figure.subplots_adjust(left=0.85 / width, right=1.0 - 0.2 / width, bottom=0.55 / height, top=1.0 - 0.85 / height)
     left = 0.15 / width
     figure.text(left, 1.0 - 0.12 / height, title, ha="left", va="top", fontsize=11.5, fontweight="bold")
@@ -59,18 +59,18 @@ def blank(width: float, height: float, title: str, note: str) -> Figure:
 
 
 def save(figure: Figure, path: Path, file_format: Literal["png", "svg"]) -> Path:
-    """Write a figure to a path without suffix, and return the file."""
+    """Write a figure to a file and return its path. `path`: without suffix."""
     file = path.with_name(f"{path.name}.{file_format}")
     if file_format == "svg":
         figure.savefig(file, metadata={"Date": None, "Creator": None})
     else:
-        # Light compression: files grow by a fifth and are written in half the time.
+        # Low compression takes half the time of the default and makes files only a fifth larger.
         figure.savefig(file, dpi=DOTS_PER_INCH, metadata={"Software": None}, pil_kwargs={"compress_level": 3})
     return file
 
 
 def logarithmic(axis: Axis) -> None:
-    """Label a logarithmic axis at 1, 2 and 5 of each power of ten, a long one at powers, as plain numbers."""
+    """Label a logarithmic axis with plain numbers: 1, 2 and 5 times powers of ten, on long axes powers only."""
     low, high = sorted(axis.get_view_interval())
     axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0) if high < _LONG * low else (1.0,)))
     axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
@@ -78,10 +78,7 @@ def logarithmic(axis: Axis) -> None:
 
 
 def legend_above(axes: Axes, lift: float) -> None:
-    """Place the legend on one line above the upper right corner of a panel.
-
-    `lift`: height of the legend's lower edge in heights of the panel.
-    """
+    """Place the legend on one line above the right corner of a panel. `lift`: height of its edge [panel heights]."""
     entries: dict[str, Any] = {}
     for handle, label in zip(*axes.get_legend_handles_labels(), strict=True):
         entries.setdefault(label, handle)
@@ -99,21 +96,21 @@ def legend_above(axes: Axes, lift: float) -> None:
 
 
 def draw_drawings(drawings: Sequence[Drawing], title: str, note: str = "", *, columns: int = 1) -> Figure:
-    """Draw a map, or panels below one another. `columns`: of panels."""
+    """Draw a map, or a grid of panels with `columns` columns, as one figure."""
     if isinstance(drawings[0], Track):
         return _draw_track(drawings[0], title, note)
     panels = [each for each in drawings if isinstance(each, Panel)]
     rows = -(-len(panels) // columns)
-    tall = [max(each.height for each in panels[columns * i : columns * (i + 1)]) / _PIXELS for i in range(rows)]
+    sizes = [max(each.height for each in panels[columns * i : columns * (i + 1)]) / _PIXELS for i in range(rows)]
     shared = len({(each.link, each.x_label) for each in panels}) == 1 and bool(panels[0].link)
-    figure = blank(8.4 if columns == 1 else 11.4, 1.5 + sum(tall) + (0.0 if shared else 0.4 * (rows - 1)), title, note)
-    grid = {"hspace": 0.3 if shared else 0.55, "wspace": 0.26, "height_ratios": tall}
-    every = figure.subplots(rows, columns, squeeze=False, sharex="col" if shared else "none", gridspec_kw=grid)
+    figure = blank(8.4 if columns == 1 else 11.4, 1.5 + sum(sizes) + (0.0 if shared else 0.4 * (rows - 1)), title, note)
+    grid = {"hspace": 0.3 if shared else 0.55, "wspace": 0.26, "height_ratios": sizes}
+    axes_grid = figure.subplots(rows, columns, squeeze=False, sharex="col" if shared else "none", gridspec_kw=grid)
     if any(each.rows for each in panels):
         longest = max(len(name) for each in panels for name in each.rows)
         figure.subplots_adjust(left=min(0.6, (0.3 + 0.075 * longest) / figure.get_figwidth()))
     mode = next(iter(modes(panels)), "")
-    for i, axes in enumerate(every.flat):
+    for i, axes in enumerate(axes_grid.flat):
         if i >= len(panels):
             axes.set_axis_off()
             continue
@@ -125,7 +122,7 @@ def draw_drawings(drawings: Sequence[Drawing], title: str, note: str = "", *, co
 
 
 def draw_panel(axes: Axes, panel: Panel, mode: str = "", *, heading: bool = True, letters: int = _BESIDE) -> None:
-    """Draw a panel for one switch position. `letters`: space shared by title and legend."""
+    """Draw a panel with the curves of one mode. `letters`: characters that fit on a line with title and legend."""
     low, high = (-0.6, len(panel.rows) - 0.4) if panel.rows else limits_of(panel, mode) or (0.0, 1.0)
     axes.set_xscale("log" if "x" in panel.log else "linear")
     axes.set_yscale("log" if "y" in panel.log else "linear")
@@ -143,7 +140,7 @@ def draw_panel(axes: Axes, panel: Panel, mode: str = "", *, heading: bool = True
     for name in panel.log:
         logarithmic(axes.xaxis if name == "x" else axes.yaxis)
     if panel.ticks:
-        axes.set_xticks([at for at, _ in panel.ticks], [name for _, name in panel.ticks])
+        axes.set_xticks([position for position, _ in panel.ticks], [name for _, name in panel.ticks])
     axes.set_ylabel(panel.y_label)
     handles, labels = axes.get_legend_handles_labels()
     entries = dict(zip(reversed(labels), reversed(handles), strict=True))
@@ -165,7 +162,7 @@ def draw_panel(axes: Axes, panel: Panel, mode: str = "", *, heading: bool = True
 
 
 def _draw_curve(axes: Axes, curve: Curve, low: float, high: float) -> None:
-    """Draw one curve; mark values beyond the limits at the edge."""
+    """Draw a curve; triangles at the edge of the panel mark values beyond the axis limits, if these are few."""
     if curve.kind == "band" and curve.low is not None:
         x, bottom, top = envelope(curve.x, curve.low, curve.y)
         axes.fill_between(x, bottom, top, color=curve.colour, alpha=0.2, linewidth=0.0, label=curve.name or "_")
@@ -183,22 +180,23 @@ def _draw_curve(axes: Axes, curve: Curve, low: float, high: float) -> None:
         return
     for beyond, edge, marker in ((curve.y > high, high, "^"), (curve.y < low, low, "v")):
         if beyond.any() and (curve.kind == "crosses" or np.count_nonzero(beyond) <= max(3, _FEW * len(beyond))):
-            at = curve.x[beyond]
+            out = curve.x[beyond]
             axes.plot(
-                at, np.full(len(at), edge), marker, color=curve.colour, markersize=5.0, clip_on=False, label="beyond"
+                out, np.full(len(out), edge), marker, color=curve.colour, markersize=5.0, clip_on=False, label="beyond"
             )
 
 
 def _draw_track(track: Track, title: str, note: str) -> Figure:
-    """Draw a map with the track coloured by its first shade; mark points beyond at the edge."""
-    wide = [np.column_stack((each.x, each.y)) for each in track.behind if each.kind in ("line", "dashed")]
-    points = np.empty((0, 2)) if track.fixes is None else track.fixes
-    most = [np.percentile(points, (5.0, 95.0), axis=0)] if len(points) else []  # a few outliers must not shrink it
-    every = np.concatenate([np.column_stack((track.east, track.north)), *wide, *most])
+    """Draw a map whose track is coloured by its first shade; crosses outside the map are drawn at its edge."""
+    other_tracks = [np.column_stack((each.x, each.y)) for each in track.behind if each.kind in ("line", "dashed")]
+    fixes = np.empty((0, 2)) if track.fixes is None else track.fixes
+    # the map contains only the middle 90 % of the fixes: a distant false fix would shrink the track
+    most = [np.percentile(fixes, (5.0, 95.0), axis=0)] if len(fixes) else []
+    extent = np.concatenate([np.column_stack((track.east, track.north)), *other_tracks, *most])
     shade = track.shades[0] if track.shades and not track.shades[0].classes else None
-    figure, axes = _start_map(every, title, note, 0.85 if shade else 0.0)
+    figure, axes = _start_map(extent, title, note, 0.85 if shade else 0.0)
     (left, right), (low, high) = axes.get_xlim(), axes.get_ylim()
-    axes.plot(*points.T, ".", color=styles.GREY, markersize=3.0, label="GPS fix" if len(points) else "_", zorder=1.8)
+    axes.plot(*fixes.T, ".", color=styles.GREY, markersize=3.0, label="GPS fix" if len(fixes) else "_", zorder=1.8)
     for curve in track.behind:
         if curve.kind == "crosses":
             x, y = np.clip(curve.x, left, right), np.clip(curve.y, low, high)
@@ -208,12 +206,12 @@ def _draw_track(track: Track, title: str, note: str) -> Figure:
         else:
             width = 0.8 if curve.kind == "thin" else 2.6
             axes.plot(curve.x, curve.y, color=curve.colour, label=curve.name or "_", linewidth=width, zorder=1.7)
-    lost = np.zeros(len(track.time), dtype=np.bool_)
+    in_outage = np.zeros(len(track.time), dtype=np.bool_)
     for start, end in track.spans:
-        lost |= (track.time >= start) & (track.time <= end)
-    if lost.any():
-        dark = np.where(lost, track.north, np.nan)
-        axes.plot(track.east, dark, color=styles.ORANGE, linewidth=7.0, alpha=0.4, label="no fix used", zorder=1.9)
+        in_outage |= (track.time >= start) & (track.time <= end)
+    if in_outage.any():
+        north = np.where(in_outage, track.north, np.nan)
+        axes.plot(track.east, north, color=styles.ORANGE, linewidth=7.0, alpha=0.4, label="no fix used", zorder=1.9)
     if shade is None:
         axes.plot(track.east, track.north, color=styles.BLUE, linewidth=1.4, label="solution")
     else:
@@ -227,7 +225,7 @@ def _draw_track(track: Track, title: str, note: str) -> Figure:
 
 
 def _pieces(track: Track, values: FloatArray) -> LineCollection:
-    """Cut a track into pieces coloured by a value (n,)."""
+    """Split a track of n points into n - 1 line segments, coloured by the mean of `values` (n,) at both ends."""
     points = np.column_stack((track.east, track.north))
     pieces = LineCollection(
         list(np.stack((points[:-1], points[1:]), axis=1)), cmap="cividis", linewidth=2.2, capstyle="round", zorder=2
@@ -237,7 +235,7 @@ def _pieces(track: Track, values: FloatArray) -> LineCollection:
 
 
 def _start_map(points: FloatArray, title: str, note: str, beside: float) -> tuple[Figure, Axes]:
-    """Create a map of points East, North (n, 2) [m] with margin, at least page width. `beside`: space [inch]."""
+    """Create a map that contains points East, North (n, 2) [m]. `beside`: space for a colour bar, to the right [in]."""
     low, high = points.min(axis=0), points.max(axis=0)
     width, height = (max(float(size), _NARROWEST_M) for size in high - low)
     margin = 0.07 * max(width, height)
@@ -252,8 +250,8 @@ def _start_map(points: FloatArray, title: str, note: str, beside: float) -> tupl
 
 
 def _finish_map(axes: Axes, track: Track) -> None:
-    """Mark start and end of a track, scale and north, label the axes and place the legend below."""
-    # many drives end at their start: the larger start mark keeps both visible
+    """Add to a map: marks at start and end of the track, scale bar, north arrow, axis labels, legend below."""
+    # The start mark is larger than the end mark: both stay visible if a drive ends at its start.
     for row, marker, colour, size, name in ((0, "^", styles.GREEN, 13.0, "start"), (-1, "s", styles.BLACK, 5.0, "end")):
         place = track.east[row], track.north[row]
         axes.plot(*place, marker, color=colour, markersize=size, markeredgecolor="white", label=name, zorder=4)
@@ -268,7 +266,7 @@ def _finish_map(axes: Axes, track: Track) -> None:
 
 
 def scale_bar(axes: Axes) -> None:
-    """Draw a bar of a round length, about a fifth of the width, in the lower left corner."""
+    """Draw a scale bar in the lower left corner: 1, 2 or 5 times a power of ten, up to a quarter of the map width."""
     (left, right), (low, _) = axes.get_xlim(), axes.get_ylim()
     longest = 0.25 * (right - left)
     power = 10.0 ** np.floor(np.log10(longest))
@@ -281,7 +279,7 @@ def scale_bar(axes: Axes) -> None:
 
 
 def north_arrow(axes: Axes) -> None:
-    """Mark north in the upper right corner."""
+    """Draw an arrow to the north in the upper right corner of a map."""
     place: dict[str, Any] = {"xytext": (0.0, -42.0), "xycoords": "axes fraction", "textcoords": "offset points"}
     place |= {"ha": "center", "va": "center", "fontsize": 11.0, "fontweight": "bold"}
     arrow = {"arrowstyle": "-|>", "color": styles.BLACK, "linewidth": 1.6}

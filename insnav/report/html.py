@@ -28,9 +28,9 @@ _BOKEH = ("bokeh.min.js", "bokeh-api.min.js")
 
 
 def filled(template: str, **values: Any) -> str:
-    """Fill a template; a missing value is an error.
+    """Fill a template file of the folder ``templates`` with values; a missing value is an error.
 
-    `template`: a file of ``templates``; HTML templates escape every value.
+    A template with ``.html.`` in its name escapes every value.
     """
     how: dict[str, Any] = {"autoescape": ".html." in template, "trim_blocks": True, "lstrip_blocks": True}
     environment = Environment(loader=FileSystemLoader(_TEMPLATES), undefined=StrictUndefined, **how)
@@ -39,10 +39,7 @@ def filled(template: str, **values: Any) -> str:
 
 
 def page_html(page: Page, files: Mapping[str, Path]) -> str:
-    """Write a report as one self-contained page.
-
-    `files`: pictures of its figures by name; a figure without picture is omitted.
-    """
+    """Write a report as one self-contained HTML page. `files`: images by figure name; other figures are omitted."""
     scripts, drawings = _scripts() if page.panels else (), [panel_data(each) for each in page.panels]
     with speaking(language(), page.names):
         words = catalogue(f"page.{language()}")["words"] | dict(_translations(drawings))
@@ -61,7 +58,10 @@ def page_html(page: Page, files: Mapping[str, Path]) -> str:
 
 
 def page_fragment(page: Page) -> str:
-    """Write a report as part of another page, such as a notebook: figures of merit, map, first figure, tables."""
+    """Write a report as HTML to embed in another page, such as a notebook: figures of merit, two figures, tables.
+
+    The figure ``track`` (map), if there is one, comes first.
+    """
     from insnav.report.figures import drawing
 
     images = {}
@@ -81,12 +81,12 @@ def _inlined(suffix: str, picture: bytes) -> str:
 
 
 def _tables_of(*shown: Show) -> Callable[[Section], list[Table]]:
-    """Return the tables of a section, without its parts, which follow its figures."""
+    """Return a function that lays out a section's own tables; the template adds its subsections after its figures."""
     return lambda section: section_tables(replace(section, parts=()), shown)
 
 
 def _scripts() -> tuple[str, ...]:
-    """Return BokehJS from its package, and the script that draws the panels."""
+    """Read the JavaScript of a page with panels: BokehJS from the Python package, then ``panels.js``."""
     spec = find_spec("bokeh")  # located, not imported: only its JavaScript is used
     assert spec is not None
     assert spec.origin is not None
@@ -96,14 +96,14 @@ def _scripts() -> tuple[str, ...]:
 
 
 def _policy(scripts: tuple[str, ...]) -> str:
-    """Build a Content-Security-Policy that permits no requests, and only the scripts of the page."""
+    """Build a Content-Security-Policy for a page: no network requests, and no scripts except `scripts`."""
     hashes = (base64.b64encode(hashlib.sha256(each.encode()).digest()).decode("ascii") for each in scripts)
     allowed = " ".join(f"'sha256-{each}'" for each in hashes) or "'none'"
     return f"default-src 'none'; style-src 'unsafe-inline'; img-src data:; script-src {allowed}"
 
 
 def _translations(value: Any) -> Iterator[tuple[str, str]]:
-    """Yield the texts of drawings that have a translation, with it."""
+    """Yield each text in the drawings' data that has a translation, paired with this translation."""
     if isinstance(value, str) and len(value) < 1000 and (wanted := translated(value)) != value:
         yield value, wanted
     elif isinstance(value, Mapping | list | tuple):
@@ -112,7 +112,7 @@ def _translations(value: Any) -> Iterator[tuple[str, str]]:
 
 
 def _json_script(value: Any) -> Markup:
-    """Encode JSON for a script element."""
+    """Encode a value as JSON that is safe inside an HTML script element."""
     text = json.dumps(value, separators=(",", ":"), allow_nan=False)
     for sign in "<>&":
         text = text.replace(sign, f"\\u{ord(sign):04x}")

@@ -1,7 +1,7 @@
-"""Structure of every report: sections of quantities and figures, written as text, as a page and as JSON.
+"""Structure of every report: sections of quantities and figures, and their layout as tables.
 
-A report contains each quantity once. `insnav.report.terminal`, `insnav.report.html` and `insnav.report.save` are
-the three writers; they are independent of the subject of a report.
+A report contains each quantity once. Three writers work for every kind of report: `insnav.report.terminal` writes
+text, `insnav.report.html` a web page, `insnav.report.save` JSON.
 """
 
 from __future__ import annotations
@@ -25,81 +25,76 @@ if TYPE_CHECKING:
 
     from insnav.report.panels import Drawing
 else:
-    DataFrame = Figure = Any  # their libraries are imported on use
+    DataFrame = Figure = Any  # matplotlib and pandas are slow to import: only functions that need them do so
 
 Show = Literal["all", "page", "json"]
 Light = Literal["good", "attention", "bad", "unknown"]
-STATISTICS = {
-    "rms": "RMS",
-    "p95": "95 %",
-    "max": "max",
-    "mean": "mean",
-    "predicted": "predicted sd",
-}  # members of a mapping value
+# labels of statistics in tables, for a `Quantity` with several values; by their names in JSON
+STATISTICS = {"rms": "RMS", "p95": "95 %", "max": "max", "mean": "mean", "predicted": "predicted sd"}
 
 
 @dataclass(frozen=True, slots=True)
 class FigureSpec:
-    """Figure that is drawn on request."""
+    """Name and caption of a matplotlib figure, and the function that draws it."""
 
     name: str  # file name without suffix; also the name in `insnav.result.Result.plot`
-    caption: str  # caption
-    draw: Callable[[], Figure]  # called inside `insnav.report.figures.drawing`
+    caption: str  # title of the figure
+    draw: Callable[[], Figure]  # draws the figure; call it inside `insnav.report.figures.drawing`
 
 
 @dataclass(frozen=True, slots=True)
 class Verdict:
-    """Result in one sentence, with its reliability."""
+    """Main result in one sentence, and a traffic light that rates its reliability."""
 
     light: Light
-    reason: str  # reason for the light
+    reason: str  # reason for the traffic light
     sentence: str
 
     @property
     def rating(self) -> str:
-        """Light in words, with its reason."""
+        """Traffic light in words, with its reason."""
         return phrase("terminal.line", name=phrase(f"light.{self.light}"), text=translated(self.reason))
 
 
 def by_warnings(sentence: str, findings: Sequence[Finding], without: tuple[Light, str]) -> Verdict:
-    """Build a verdict: needs attention if there are warnings; otherwise, or if worse, `without` (light and reason)."""
-    warnings = [each for each in findings if each.severity >= Severity.WARNING]
-    if lost := [each for each in warnings if each.severity is Severity.UNUSABLE]:
-        return Verdict("bad", render(lost[0]).title, sentence)
+    """Build a verdict: with warnings at best "attention", if unusable "bad". `without`: light and reason otherwise."""
+    warnings = [finding for finding in findings if finding.severity >= Severity.WARNING]
+    if unusable := [finding for finding in warnings if finding.severity is Severity.UNUSABLE]:
+        return Verdict("bad", render(unusable[0]).title, sentence)
     if not warnings or without[0] in ("attention", "bad"):
         return Verdict(*without, sentence)
-    title, more = render(warnings[0]).title, len(warnings) - 1
-    reason = phrase("page.more_warnings", title=title, count=more) if more else title
+    title, further = render(warnings[0]).title, len(warnings) - 1
+    reason = phrase("page.more_warnings", title=title, count=further) if further else title
     return Verdict("attention", reason, sentence)
 
 
 @dataclass(frozen=True, slots=True)
 class Cell:
-    """Cell of a matrix."""
+    """Coloured cell of a `Matrix`."""
 
-    text: str  # a few letters
-    tone: str  # its colour: ``better1`` to ``better3``, ``worse1`` to ``worse3``, ``same``, ``unclear``, ``fails``
+    text: str  # a few characters
+    tone: str  # colour: ``better1`` to ``better3``, ``worse1`` to ``worse3``, ``same``, ``unclear``, ``fails``
     title: str  # full text, shown on hover
-    key: str = ""  # id in the page, if it opens details
-    behind: tuple[Table, ...] = ()  # tables that it opens
+    key: str = ""  # id of the cell in the page, if a click on it opens details
+    behind: tuple[Table, ...] = ()  # details: tables that a click on the cell opens
 
 
 @dataclass(frozen=True, slots=True)
 class Matrix:
-    """Coloured cells, on the page only; each opens its details."""
+    """Table of coloured cells that open details; only the HTML page has it."""
 
     columns: tuple[str, ...]
-    rows: tuple[tuple[str, tuple[Cell | None, ...]], ...]  # row names and cells
-    tones: tuple[tuple[str, str], ...]  # colours and their meaning
+    rows: tuple[tuple[str, tuple[Cell | None, ...]], ...]  # name and cells of each row
+    tones: tuple[tuple[str, str], ...]  # each `Cell.tone` and its meaning, for the legend
 
     @property
     def cells(self) -> tuple[Cell, ...]:
-        """All cells with details."""
+        """All cells that open details."""
         return tuple(cell for _, row in self.rows for cell in row if cell is not None and cell.behind)
 
 
 class Later(Sequence[Any]):
-    """Drawings that are made on first access: output of tables alone makes none."""
+    """Sequence of drawings that are computed on first access, so that text and JSON output never computes them."""
 
     def __init__(self, make: Callable[[], Sequence[Drawing]]) -> None:
         self._make = cache(make)
@@ -113,62 +108,64 @@ class Later(Sequence[Any]):
 
 @dataclass(frozen=True, slots=True)
 class Section:
-    """Related quantities: single ones, or rows of a table, one row per item."""
+    """Part of a report: related quantities, single or as rows of a table, with their figures and subsections."""
 
-    # position of its quantities in JSON; empty: next to the parent's quantities, ``name[]``: next entry of a list
+    # JSON key of the section's quantities. Empty: they join the quantities of the parent section. ``name[]``: they
+    # become the next entry of the list ``name``
     key: str
     title: str = ""  # heading; may be empty
     items: tuple[Quantity, ...] = ()  # single quantities
-    # a table: quantities of one key are a column, the first names the row. Without a `key` the table is on the page
-    # only: JSON has the same quantities elsewhere, in another shape.
+    # rows of a table: quantities with equal keys form a column, the first quantity of a row is its name. Rows of a
+    # section without `key` are not written to JSON, which has these quantities elsewhere
     rows: tuple[tuple[Quantity, ...], ...] = ()
-    # below its tables: on the page without panels, as files on request
-    figures: tuple[FigureSpec, ...] = ()
-    panels: Sequence[Drawing] = ()  # interactive drawings, above its tables on the page
-    columns: int = 1  # of panels side by side, on a wide page
+    figures: tuple[FigureSpec, ...] = ()  # image files on request; also below the tables of a page without panels
+    panels: Sequence[Drawing] = ()  # interactive drawings, above the tables of the page
+    columns: int = 1  # number of panels side by side on a wide page
     parts: tuple[Section, ...] = ()  # subsections
     note: str = ""  # explanation
-    show: Show = "all"  # everywhere, on the page and in JSON, or in JSON only
-    keyed: bool = False  # in JSON the rows are keyed by name, not listed
-    folded: bool = False  # on the page only its title is visible until opened
-    matrix: Matrix | None = None  # above its tables on the page
+    # outputs with this section. "all": text, page and JSON; "page": page and JSON; "json": JSON only
+    show: Show = "all"
+    keyed: bool = False  # in JSON the rows are a mapping by row name, not a list
+    folded: bool = False  # on the page only the title is visible until the reader opens the section
+    matrix: Matrix | None = None  # table of coloured cells, above the tables of the page
 
 
 @dataclass(frozen=True, slots=True)
 class Page:
-    """Complete report."""
+    """Complete report, independent of the output format."""
 
     title: str  # action and subject
     summary: tuple[str, ...]  # the result in a few sentences
     sections: tuple[Section, ...]
     findings: tuple[Finding, ...] = ()  # most important first
-    method: tuple[str, ...] = ()  # method of the figures, and their basis
-    at: At = moment  # format of record times
-    starts_at: float = 0.0  # zero of these times, in the time of the data [s]
-    verdict: Verdict | None = None  # the first thing on the page
+    method: tuple[str, ...] = ()  # how the quantities were computed, and their sources
+    at: At = moment  # function that writes times of the record in the texts of findings
+    starts_at: float = 0.0  # origin of the times that `at` writes, in the time of the data [s]
+    verdict: Verdict | None = None  # main result with its rating, at the top of the page
     merits: tuple[Quantity, ...] = ()  # figures of merit, about six; also in the sections
-    merits_note: str = ""  # subject of the merits
-    merits_by: Mapping[str, tuple[Quantity, ...]] | None = None  # merits at each position of the switch
+    merits_note: str = ""  # explanation of the figures of merit
+    # figures of merit by position of the page's switch, such as "filtered" and "smoothed"
+    merits_by: Mapping[str, tuple[Quantity, ...]] | None = None
     names: frozenset[str] = frozenset()  # names that the user chose: not translated within a text; see `Name`
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """Warnings; the first with a time states the time origin."""
-        texts, hint = [], abs(self.starts_at) > 1.0
+        """Warning sentences; the first sentence with a time also explains the time origin, unless it is zero."""
+        texts, must_explain = [], abs(self.starts_at) > 1.0
         for finding in (each for each in self.findings if each.severity >= Severity.WARNING):
-            hinted = hint and shows_time(finding)
-            texts.append(sentence(finding, at=self.at) + form("hint") * hinted)
-            hint = hint and not hinted
+            explains = must_explain and shows_time(finding)
+            texts.append(sentence(finding, at=self.at) + form("hint") * explains)
+            must_explain = must_explain and not explains
         return tuple(texts)
 
     @property
     def assumptions(self) -> tuple[str, ...]:
-        """Assumptions: defaults, validity, sources."""
+        """Sentences on assumptions: defaults, limits of validity, sources, and the method."""
         return (*self._texts(Severity.ASSUMPTION), *self.method)
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """Findings that insnav has handled."""
+        """Sentences on findings that need no action: insnav has corrected them or taken them into account."""
         return self._texts(Severity.NOTE)
 
     def _texts(self, severity: Severity) -> tuple[str, ...]:
@@ -176,49 +173,52 @@ class Page:
 
     @property
     def lists(self) -> tuple[tuple[str, tuple[str, ...]], ...]:
-        """Headings and lines of the lists below the tables, if any."""
-        both = (("notes", self.notes), ("assumptions", self.assumptions))
-        return tuple((phrase(f"page.{name}"), lines) for name, lines in both if lines)
+        """Heading and lines of each nonempty list below the tables: notes, assumptions."""
+        lists = (("notes", self.notes), ("assumptions", self.assumptions))
+        return tuple((phrase(f"page.{name}"), lines) for name, lines in lists if lines)
 
     @property
     def figures(self) -> tuple[FigureSpec, ...]:
         """All figures, in page order."""
-        return tuple(figure for section in self.sections for each in _with_parts(section) for figure in each.figures)
+        return tuple(figure for section in self.sections for part in _with_parts(section) for figure in part.figures)
 
     @property
     def embedded(self) -> tuple[FigureSpec, ...]:
-        """Figures shown on the page: of sections without panels."""
-        parts = (each for section in self.sections for each in _with_parts(section) if not each.panels)
-        return tuple(figure for each in parts for figure in each.figures)
+        """Figures that the page shows as images: the figures of sections without panels."""
+        parts = (part for section in self.sections for part in _with_parts(section) if not part.panels)
+        return tuple(figure for part in parts for figure in part.figures)
 
     @property
     def panels(self) -> tuple[Drawing, ...]:
         """All interactive drawings, in page order."""
-        return tuple(panel for section in self.sections for each in _with_parts(section) for panel in each.panels)
+        return tuple(panel for section in self.sections for part in _with_parts(section) for panel in part.panels)
 
 
 @dataclass(frozen=True, slots=True)
 class Table:
-    """Quantities laid out as a table."""
+    """Table of formatted text, ready to print."""
 
     title: str  # subject of the rows
     columns: tuple[str, ...]  # headings, units in brackets
-    rows: tuple[tuple[str, ...], ...]  # cells, as many as columns; the first names the row
+    rows: tuple[tuple[str, ...], ...]  # cells, one per column; the first cell is the name of the row
     note: str = ""  # explanation
 
 
 def one_each(key: str, title: str, items: Mapping[str, Sequence[Quantity]], first: str = "", note: str = "") -> Section:
-    """Lay out equal quantities of several things: keyed by name in JSON, in text a table with a row per thing.
+    """Lay out the same quantities of several objects: in text a table row per object, in JSON a mapping by name.
 
-    `items`: name to quantities; a name without quantities is None in JSON, and has no row.
+    `items`: quantities by object name; an object without any has no row, and is null in JSON. `first`: names' heading.
     """
-    unknown = tuple(only_json("", Quantity(name, None)) for name, own in items.items() if not own)
+    absent = tuple(only_json("", Quantity(name, None)) for name, own in items.items() if not own)
     rows = tuple((Quantity("name", name, meaning=first), *own) for name, own in items.items() if own)
-    return Section(key, title, rows=rows, parts=unknown, note=note, keyed=True)
+    return Section(key, title, rows=rows, parts=absent, note=note, keyed=True)
 
 
 def drawn(name: str, caption: str, drawings: Iterable[Drawing], note: str = "", *, columns: int = 1) -> Section:
-    """Build drawings that are panels on the page and one figure for papers, with panels in `columns` columns."""
+    """Build a section of drawings: interactive panels on the page, and one matplotlib figure with all of them.
+
+    `columns`: number of panels side by side.
+    """
     panels = tuple(drawings)
 
     def draw() -> Figure:
@@ -231,13 +231,13 @@ def drawn(name: str, caption: str, drawings: Iterable[Drawing], note: str = "", 
 
 
 def beside(*sections: Section) -> Section:
-    """Join drawings with a map first. On a wide page the map stays in view next to the others."""
-    panels, figures = (tuple(one for each in sections for one in getattr(each, k)) for k in ("panels", "figures"))
+    """Join sections of drawings into one, with a map first; a wide page keeps the map in view next to the others."""
+    panels, figures = (tuple(part for each in sections for part in getattr(each, k)) for k in ("panels", "figures"))
     return Section("", panels=panels, figures=figures)
 
 
 def only_json(key: str, *items: Quantity, parts: tuple[Section, ...] = ()) -> Section:
-    """Build quantities for ``run.json`` alone."""
+    """Build a section of quantities that is written to ``run.json`` only."""
     return Section(key, items=items, parts=parts, show="json")
 
 
@@ -246,10 +246,9 @@ def _with_parts(section: Section) -> tuple[Section, ...]:
 
 
 def section_tables(section: Section, shown: Sequence[Show] = ("all",)) -> list[Table]:
-    """Lay out a section and its parts.
+    """Lay out a section as tables: its single quantities, its rows, then its subsections.
 
-    `shown`: other sections are omitted.
-    Returns: a table of the single quantities, a table of the rows, then the tables of the parts.
+    `shown`: include only sections with these values of `Section.show`.
     """
     if section.show not in shown:
         return []
@@ -263,22 +262,25 @@ def section_tables(section: Section, shown: Sequence[Show] = ("all",)) -> list[T
 
 
 def _rows_table(section: Section) -> Table:
-    """Format rows as cells. Headings show the unit of a whole column unless the title does. Cells show mixed units."""
-    found = [{each.key: each for whole in row for each in members(whole)} for row in section.rows]
-    columns = list(dict.fromkeys(key for row in found for key in row))
-    headings, shared = [], {}
+    """Lay out the rows of a section as a table.
+
+    If a column has one unit, its heading shows it, unless the title does. Otherwise every cell shows its unit.
+    """
+    rows = [{each.key: each for quantity in row for each in members(quantity)} for row in section.rows]
+    columns = list(dict.fromkeys(key for row in rows for key in row))
+    headings, unified = [], {}
     for key in columns:
-        units = {row[key].shown_unit for row in found if key in row}
-        first = next(row[key] for row in found if key in row)
-        shared[key] = len(units) == 1
+        units = {row[key].shown_unit for row in rows if key in row}
+        first = next(row[key] for row in rows if key in row)
+        unified[key] = len(units) == 1
         bracket = _bracket(first).strip()
-        headings.append(f"{first.label} {bracket}" if shared[key] and bracket not in section.title else first.label)
-    cells = tuple(tuple(_cell_in_row(row.get(key), with_unit=not shared[key]) for key in columns) for row in found)
+        headings.append(f"{first.label} {bracket}" if unified[key] and bracket not in section.title else first.label)
+    cells = tuple(tuple(_cell_in_row(row.get(key), with_unit=not unified[key]) for key in columns) for row in rows)
     return Table(section.title, tuple(headings), cells, section.note)
 
 
 def members(each: Quantity) -> list[Quantity]:
-    """Return the columns of a quantity: one, or one for each member of a mapping."""
+    """Split a quantity whose value is a mapping, such as RMS and maximum, into one quantity per table column."""
     if not isinstance(each.value, Mapping):
         return [each]
     return [
@@ -301,7 +303,7 @@ def _cell_in_row(each: Quantity | None, *, with_unit: bool) -> str:
 
 
 def cell(each: Quantity) -> str:
-    """Format a quantity without name and unit: ``12.3 ± 0.4``, ``12.3 (11.8 … 12.9)``, ``–`` if unknown."""
+    """Write a quantity without name and unit: ``12.3 ± 0.4``, ``12.3 (11.8 … 12.9)``, ``–`` if unknown."""
     text = _value_text(each)
     return f"{text} {each.mark}" if each.mark else text
 
@@ -325,15 +327,16 @@ def _value_text(each: Quantity) -> str:
         text = number(None)
     elif isinstance(value[0], str):
         text = ", ".join(plain_text(item) for item in value)
-    else:
+    else:  # numbers of an array; `sd` is an array too, or one value for all
         sds = np.broadcast_to(np.nan if sd is None else np.asarray(sd, dtype=np.float64), np.shape(value)).ravel()
         parts = zip(np.ravel(np.asarray(value, dtype=np.float64)), sds, strict=True)
         text = ", ".join(_with_sd(float(v), float(s), each) for v, s in parts)
     if each.interval is None or not np.isfinite(each.interval).all():
         return text
-    known = isinstance(sd, float) and np.isfinite(sd) and sd > 0.0
+    # the ends of the interval are rounded like the value
+    has_sd = isinstance(sd, float) and np.isfinite(sd) and sd > 0.0
     low, high = (
-        rounded(bound, sd) if known else number(bound, each.digits) if bound else "0"
+        rounded(bound, sd) if has_sd else number(bound, each.digits) if bound else "0"
         for bound in (float(each.scaled(float(end))) for end in each.interval)
     )
     return f"{text} ({low} … {high})"
@@ -343,7 +346,7 @@ def _with_sd(value: float | None, sd: Any, each: Quantity) -> str:
     if value is None or not np.isfinite(value):
         return number(None)
     if each.decimals is not None:
-        text = f"{round(float(value), each.decimals) + 0.0:.{each.decimals}f}"  # no -0.0
+        text = f"{round(float(value), each.decimals) + 0.0:.{each.decimals}f}"  # adding 0.0 turns -0.0 into 0.0
     elif sd is not None and np.isfinite(sd) and sd > 0.0:
         text = rounded(float(value), float(sd))
     else:
@@ -352,11 +355,11 @@ def _with_sd(value: float | None, sd: Any, each: Quantity) -> str:
 
 
 def rows_frame(rows: Iterable[Iterable[Quantity]]) -> DataFrame:
-    """Build a data frame from rows of quantities.
+    """Build a data frame from rows of quantities, with the units in the column names.
 
-    `rows`: a value with several members fills several columns, such as ``horizontal_rms_m``.
+    `rows`: a quantity with several values fills several columns, such as ``horizontal_rms_m``.
     """
     import pandas as pd
 
-    flat = ([each for whole in row for each in members(whole)] for row in rows)
+    flat = ([each for quantity in row for each in members(quantity)] for row in rows)
     return pd.DataFrame([{key: value for each in row for key, value in each.facts().items()} for row in flat])

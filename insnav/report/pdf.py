@@ -19,20 +19,20 @@ from insnav.version import __version__
 
 WIDTH, HEIGHT, _MARGIN = 8.27, 11.69, 0.6  # A4 [inch]
 _DPI = 200
-_LINE = 0.19  # of text [inch]
-_LETTERS = 92  # a line
-_ROWS = 95  # of tables on a page
+_LINE = 0.19  # height of a line of text [inch]
+_LETTERS = 92  # characters per line of text
+_ROWS = 95  # lines of tables per page
 LIGHT_COLOURS = {"good": GREEN, "attention": ORANGE, "bad": VERMILLION, "unknown": GREY}
 
 
 def write_pdf(page: Page, file: Path, pages: Mapping[str, Sequence[str]], lines: Sequence[str] = ()) -> None:
-    """Write a report as PDF.
+    """Write a report as PDF: pages of figures, with the verdict and the figures of merit on the first, then tables.
 
-    `pages`: page titles with figure names: of each, the first two that the report has. `lines`: table rows after the
-    figures.
+    `pages`: names of the figures by page title; a page shows the first two of them that the report contains.
+    `lines`: text lines of the tables.
     """
     head = (HEIGHT - _MARGIN) / HEIGHT
-    known = {each.name: each for each in page.figures}
+    figure_of = {each.name: each for each in page.figures}
     with drawing(), PdfPages(file, metadata={"CreationDate": None, "Creator": None, "Producer": None}) as pdf:
         for number, (title, names) in enumerate(pages.items(), 1):
             sheet = Figure(figsize=(WIDTH, HEIGHT))
@@ -41,7 +41,7 @@ def write_pdf(page: Page, file: Path, pages: Mapping[str, Sequence[str]], lines:
             top = HEIGHT - _MARGIN - 0.4
             if number == 1:
                 top = _first(sheet, page, top)
-            _figures(sheet, [known[name] for name in names if name in known][:2], top)
+            _figures(sheet, [figure_of[name] for name in names if name in figure_of][:2], top)
             foot = f"insnav {__version__}   page {number} of {len(pages) + -(-len(lines) // _ROWS)}"
             sheet.text(0.5, 0.35 / HEIGHT, foot, ha="center", fontsize=8.0, color="#555555")
             pdf.savefig(sheet)
@@ -52,7 +52,7 @@ def write_pdf(page: Page, file: Path, pages: Mapping[str, Sequence[str]], lines:
 
 
 def _first(sheet: Figure, page: Page, top: float) -> float:
-    """Write verdict, summary, warnings and figures of merit; return the remaining height [inch]."""
+    """Write verdict, summary, warnings and figures of merit below the height `top`; return their lower edge [inch]."""
     left = _MARGIN / WIDTH
     lines: list[tuple[str, str]] = []
     if page.verdict is not None:
@@ -73,17 +73,17 @@ def _first(sheet: Figure, page: Page, top: float) -> float:
 
 
 def _figures(sheet: Figure, figures: Sequence[FigureSpec], top: float) -> None:
-    """Place figures below one another at a common scale, at most page width."""
+    """Place figures below one another from the height `top` down [inch], with equal widths, as large as they fit."""
     images = [_image(each) for each in figures]
-    heights = [image.shape[0] / image.shape[1] for image in images]
+    aspects = [image.shape[0] / image.shape[1] for image in images]
     room = top - _MARGIN - 0.1
-    width = min(WIDTH - 2.0 * _MARGIN, room / sum(heights)) if heights else 0.0
-    for image, height in zip(images, heights, strict=True):
-        tall = width * height
-        axes = sheet.add_axes((0.5 - 0.5 * width / WIDTH, (top - tall) / HEIGHT, width / WIDTH, tall / HEIGHT))
+    width = min(WIDTH - 2.0 * _MARGIN, room / sum(aspects)) if aspects else 0.0
+    for image, aspect in zip(images, aspects, strict=True):
+        height = width * aspect
+        axes = sheet.add_axes((0.5 - 0.5 * width / WIDTH, (top - height) / HEIGHT, width / WIDTH, height / HEIGHT))
         axes.imshow(image, interpolation="lanczos", aspect="auto")
         axes.set_axis_off()
-        top -= tall
+        top -= height
 
 
 def _image(figure: FigureSpec) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""Style of all reports: colours, and numbers in the shortest form.
+"""Style of all reports: colours, and text of numbers, lengths and times.
 
 The colours of Okabe and Ito (2008) are distinguishable with every common kind of colour vision and in grey print.
 """
@@ -13,11 +13,11 @@ GRADES = {"consumer": VERMILLION, "automotive": ORANGE, "industrial": BLUE, "tac
 AXIS_COLOURS = (BLUE, VERMILLION, GREEN)  # x, y, z
 NED = ("north", "east", "down")
 _UNKNOWN = "–"
-_SMALLEST = 1e-7  # written without an exponent
+_SMALLEST = 1e-7  # numbers down to this size are written without an exponent
 
 
 def number(value: float | None, digits: int = 3) -> str:
-    """Write a number with `digits` significant digits, large ones without an exponent. `value`: None gives a dash."""
+    """Write a number with `digits` significant digits, without an exponent unless tiny. `value`: None gives a dash."""
     if value is None:
         return _UNKNOWN
     short = f"{value:#.{digits}g}"
@@ -29,7 +29,7 @@ def number(value: float | None, digits: int = 3) -> str:
 
 
 def rounded(value: float, sd: float) -> str:
-    """Round a number to the second digit of its standard deviation, with at least three digits."""
+    """Write a number, rounded at the second significant digit of its standard deviation; 3 to 12 significant digits."""
     scale = max(abs(value), 1e-300)
     if not sd > 0.0:
         return f"{value:.6g}"
@@ -38,12 +38,12 @@ def rounded(value: float, sd: float) -> str:
 
 
 def distance_text(length_m: float) -> str:
-    """Write a length in metres or kilometres."""
+    """Write a length given in metres; from 1000 m in kilometres."""
     return f"{number(length_m / 1000.0)} km" if length_m >= 1000.0 else f"{number(length_m)} m"
 
 
 def duration_text(seconds: float) -> str:
-    """Write a time in seconds, minutes or hours."""
+    """Write a duration given in seconds; from 120 s in minutes, from 7200 s in hours."""
     if seconds >= 7200.0:
         return f"{number(seconds / 3600.0)} h"
     return f"{number(seconds / 60.0)} min" if seconds >= 120.0 else f"{number(seconds)} s"

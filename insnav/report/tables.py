@@ -1,4 +1,4 @@
-"""Quantities of tables, with units, labels and precision from ``tables.toml``."""
+"""Construction of table quantities from values, with units, labels and precision from ``tables.toml``."""
 
 from __future__ import annotations
 
@@ -19,9 +19,10 @@ def _tables() -> dict[str, dict[str, dict[str, Any]]]:
 
 
 def of_table(name: str, found: object = None, /, **values: Any) -> tuple[Quantity, ...]:
-    """Build the quantities of one row, or single ones, with units, labels and precision from ``tables.toml``.
+    """Build the quantities that ``tables.toml`` lists under a name: one table row, or single quantities.
 
-    `name`: of the table, such as ``check.gps``. `found`: has the values as attributes, except `values` by key.
+    `name`: table name, such as ``check.gps``. `found`: object with the values as attributes. `values`: values by
+    key; they replace attributes.
     """
     kind, part = name.split(".")
     columns = ((key, column) for key, column in _tables()[kind][part].items() if isinstance(column, dict))
@@ -31,25 +32,25 @@ def of_table(name: str, found: object = None, /, **values: Any) -> tuple[Quantit
 def of_section(
     name: str, rows: Iterable[tuple[Quantity, ...]], values: Mapping[str, Any] | None = None, **how: Any
 ) -> Section:
-    """Build the section of a table, with its key, title and note from ``tables.toml``.
+    """Build a report section from table rows, with key, title and note from ``tables.toml``.
 
-    `name`: such as ``drift.ramps``. `values`: that its title and note contain. `how`: other fields of the section.
+    `name`: table name, such as ``drift.ramps``. `values`: inserted into title and note. `how`: other section fields.
     """
     kind, part = name.split(".")
-    about = {"key": part, "title": "", "note": ""} | _tables()[kind][part]
-    title, note = (str(about[text]).format(**(values or {})) for text in ("title", "note"))
-    return Section(str(about["key"]), title, rows=tuple(rows), note=note, **how)
+    texts = {"key": part, "title": "", "note": ""} | _tables()[kind][part]
+    title, note = (str(texts[field]).format(**(values or {})) for field in ("title", "note"))
+    return Section(str(texts["key"]), title, rows=tuple(rows), note=note, **how)
 
 
 def of_columns(name: str, **columns: Iterable[Any]) -> tuple[tuple[Quantity, ...], ...]:
-    """Build the rows of a table from its columns, which have one value a row; see `of_table`."""
-    rows = zip(*columns.values(), strict=False)  # a constant column may repeat for ever
+    """Build the rows of a table from its columns; a column has one value per row. See `of_table`."""
+    rows = zip(*columns.values(), strict=False)  # not strict: a column may be an endless iterator, such as a counter
     return tuple(of_table(name, **dict(zip(columns, row, strict=True))) for row in rows)
 
 
 def _of_column(key: str, column: Mapping[str, Any], found: object, values: Mapping[str, Any]) -> Quantity:
     value = values[key] if key in values else attrgetter(column.get("of", key))(found)
-    how = {name: column[name] for name in ("unit", "meaning", "digits", "decimals") if name in column}
-    how |= {name: attrgetter(*column[name].split())(found) for name in ("sd", "interval") if name in column}
-    how |= {"unit": attrgetter(column["unit_of"])(found)} if "unit_of" in column else {}
-    return Quantity(key, value, **how)
+    fields = {name: column[name] for name in ("unit", "meaning", "digits", "decimals") if name in column}
+    fields |= {name: attrgetter(*column[name].split())(found) for name in ("sd", "interval") if name in column}
+    fields |= {"unit": attrgetter(column["unit_of"])(found)} if "unit_of" in column else {}
+    return Quantity(key, value, **fields)

@@ -1,4 +1,4 @@
-"""Acceptance figures of gyros and accelerometers as a page."""
+"""Report of the acceptance figures of gyros and accelerometers: scale factor, bias stability and repeatability."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ from insnav.report.style import AXIS_COLOURS, BLACK, GREY
 from insnav.result import Result
 from insnav.units import DEG, G0, UNITS
 
-FINE = 0.01 * DEG  # if all gyro biases are smaller, they are shown in deg/h [rad/s]
+FINE = 0.01 * DEG  # gyro figures are shown in deg/h if all of them are smaller, otherwise in deg/s [rad/s]
 _SENSORS = {"gyro": "gyros", "accel": "accelerometers"}
-_JSON_UNIT = {"gyro": "deg/s", "accel": "ug"}  # in run.json at any size
+_JSON_UNIT = {"gyro": "deg/s", "accel": "ug"}  # units in run.json, independent of the size of the figures
 
 
 def page(result: Result[Acceptance]) -> Page:
-    """Lay out the acceptance figures."""
+    """Lay out the acceptance figures of all sensors."""
     found = result.found
     steps = [item for item in found.sensors if item.scale is not None]
     left_out = [(item, drop) for item in steps if item.scale is not None for drop in item.scale.table.dropped]
@@ -63,7 +63,7 @@ def page(result: Result[Acceptance]) -> Page:
 
 
 def frame(result: Result[Acceptance]) -> DataFrame:
-    """Build a table of the figures, one row per sensor."""
+    """Build a table of the acceptance figures, one row per sensor."""
     return rows_frame(_figures(item) for item in result.found.sensors)
 
 
@@ -94,12 +94,12 @@ def _quality(item: Accepted) -> tuple[dict[str, Fit], str, dict[str, list[str]]]
     assert item.scale is not None
     table = item.scale.table
     settings = [f"{value:+g} {_bench(item)}" for value in table.rate[table.used]]
-    # in the unit of the output: the fit used the unit of the bench
+    # the residuals are shown in the unit of the output, not of the bench
     return {item.axis: table.fit}, _output_unit(item), {item.axis: settings}
 
 
 def _sensor(item: Accepted, shown: str) -> tuple[Section, ...]:
-    """Lay out one sensor, in units by size; JSON always has the fixed unit."""
+    """Lay out one sensor in the unit `shown`, which suits the size of its figures; JSON also has a fixed unit."""
     key, fixed = item.axis.replace(" ", "_"), _JSON_UNIT[item.axis.split()[0]]
     title = f"{item.axis[0].upper()}{item.axis[1:]}"
     sections = (
@@ -117,14 +117,14 @@ def _scale(item: Accepted, unit: str) -> Iterator[Quantity]:
     table, bench = item.scale.table, UNITS[_bench(item)][1]
     k_unit = "" if item.unit in SI.values() else f"{item.unit}/({_bench(item)})"
     senses = {"forward": table.forward, "reverse": table.reverse} if table.average is not None else {}
-    known = {sense: fit for sense, fit in senses.items() if fit is not None}
+    senses_measured = {sense: fit for sense, fit in senses.items() if fit is not None}
     yield Quantity("scale_factor", item.scale.k, k_unit, item.scale.k_sd, meaning="scale factor K")
-    for sense, fit in known.items():
+    for sense, fit in senses_measured.items():
         yield Quantity(f"scale_factor_{sense}", float(fit.value[1]), k_unit, float(fit.sd[1]), meaning=f"K {sense}")
     if table.asymmetry is not None:
         yield Quantity("asymmetry", table.asymmetry, "ppm", meaning="asymmetry of K")
     yield Quantity("bias", item.scale.bias, unit, item.scale.bias_sd)
-    for sense, fit in known.items():
+    for sense, fit in senses_measured.items():
         (zero, k), zero_sd = fit.value, float(fit.sd[0])
         yield Quantity(f"bias_{sense}", float(zero / k) * bench, unit, float(zero_sd / abs(k)) * bench)
 
@@ -143,7 +143,7 @@ def _spreads(item: Accepted, unit: str) -> Iterator[Section]:
     if item.repeatability is not None:
         values = item.repeatability.values
         items = (*_spread(item.repeatability, unit), Quantity("mean_bias", float(values.mean()), unit))
-        if unit == "deg/h":  # bench records have deg/s
+        if unit == "deg/h":  # figures in deg/h are repeated in deg/s, the unit of bench records
             items = (*items, *_spread(item.repeatability, _JSON_UNIT["gyro"])[:2])
         title = f"Bias repeatability of {item.axis}"
         yield Section("bias_repeatability", title, items, note="in brackets 95 %")
@@ -151,7 +151,7 @@ def _spreads(item: Accepted, unit: str) -> Iterator[Section]:
 
 
 def _spread(spread: Spread, unit: str) -> tuple[Quantity, ...]:
-    # units have no squares: the variance has the unit of the standard deviation
+    # `UNITS` has no squares of units: the variance is converted here, not by `Quantity`
     factor = UNITS[unit][1]
     return (
         Quantity("sd", spread.sd, unit, interval=(spread.low, spread.high), meaning="standard deviation"),
@@ -163,11 +163,11 @@ def _spread(spread: Spread, unit: str) -> tuple[Quantity, ...]:
 def _merits(items: Sequence[Accepted], units: Mapping[str, str]) -> Iterator[Quantity]:
     """Yield the largest bias, stability and repeatability of all gyros, and of all accelerometers."""
     for sensor, unit in units.items():
-        own = [item for item in items if item.axis.startswith(sensor)]
+        axes = [item for item in items if item.axis.startswith(sensor)]
         sizes = {
-            "bias": [abs(item.scale.bias) for item in own if item.scale is not None],
-            "bias stability": [x.spread.sd for item in own for x in item.stability[1:2] if x.spread.values.size > 1],
-            "bias repeatability": [item.repeatability.sd for item in own if item.repeatability is not None],
+            "bias": [abs(item.scale.bias) for item in axes if item.scale is not None],
+            "bias stability": [x.spread.sd for item in axes for x in item.stability[1:2] if x.spread.values.size > 1],
+            "bias repeatability": [item.repeatability.sd for item in axes if item.repeatability is not None],
         }
         for name, values in sizes.items():
             if values:
@@ -175,7 +175,7 @@ def _merits(items: Sequence[Accepted], units: Mapping[str, str]) -> Iterator[Qua
 
 
 def _units(items: Sequence[Accepted]) -> dict[str, str]:
-    """Choose units for the largest figure of all gyros, and of all accelerometers."""
+    """Choose one unit for the figures of all gyros and one for all accelerometers, by the largest figure."""
     largest = dict.fromkeys(_SENSORS, 0.0)
     for item in items:
         sensor = item.axis.split()[0]
@@ -204,19 +204,19 @@ def _drawn(found: Acceptance, units: Mapping[str, str]) -> Iterator[Section]:
 
 
 def stability_panels(sensors: Sequence[tuple[str, Sequence[Stability], str]]) -> Iterator[Panel]:
-    """Draw the means of the parts minus the overall mean.
+    """Draw the mean output over parts of a stationary record, minus the overall mean, for several part lengths.
 
-    `sensors`: name, stabilities from the shortest parts to the longest, and unit.
+    `sensors`: for each sensor its name, its stabilities from the shortest parts to the longest, and the unit.
     """
     clock = Clock.of(sensors[0][1][0].time)
     note = "minus the mean of the whole record; the scatter of the means is the bias stability"
     for name, stabilities, unit in sensors:
-        middle = stabilities[0].spread.values.mean()
+        mean = stabilities[0].spread.values.mean()
         curves = []
-        for place, each in enumerate(stabilities):
-            at, values = clock(each.time), (each.spread.values - middle) / UNITS[unit][1]
-            shade = (GREY, AXIS_COLOURS["xyz".index(name[-1])], BLACK)[min(place, 2)]
-            kinds: tuple[Kind, ...] = ("line", "points") if place and values.size <= 200 else ("line",)
+        for order, each in enumerate(stabilities):
+            at, values = clock(each.time), (each.spread.values - mean) / UNITS[unit][1]
+            shade = (GREY, AXIS_COLOURS["xyz".index(name[-1])], BLACK)[min(order, 2)]
+            kinds: tuple[Kind, ...] = ("line", "points") if order and values.size <= 200 else ("line",)
             curves += [Curve(f"means over {each.length:g} s", at, values, shade, kind) for kind in kinds]
         key, title = f"stability_{name.replace(' ', '_')}", f"Bias of {name} at rest"
         yield Panel(key, title, f"{name} [{unit}]", clock.label, tuple(curves), "rest", note)

@@ -1,4 +1,4 @@
-"""Report of a separate alignment."""
+"""Report of an alignment without navigation: coarse and fine attitude, and latitude."""
 
 from __future__ import annotations
 
@@ -23,18 +23,18 @@ from insnav.result import Result
 from insnav.types import Alignment
 from insnav.units import DEG
 
-_USEFUL = 10.0 * DEG  # a latitude from the sensors with a larger sd is not shown
+_USEFUL = 10.0 * DEG  # a latitude computed from the sensors is shown only if its sd is smaller [rad]
 
 
 def page(result: Result[FineAlignment]) -> Page:
-    """Lay out an alignment."""
-    found = result.found
-    sd = None
+    """Lay out an alignment: attitude and its sd after each step, and latitude."""
+    alignment = result.found
+    latitude_sd = None
     if result.imu_model is not None:
-        # sd of the tilt of the measured Earth rate by gyro bias, at most a right angle [rad]
-        sd = min(float(np.max(gyro_bias_sd(result.imu_model[0].gyro))) / OMEGA_EARTH, 0.5 * np.pi)
-    steps, warnings = _steps(found), tuple(_warnings(found, sd))
-    known = np.isfinite((found.fine or found.coarse).sd[2])
+        # sd of the latitude from the sensors [rad]: gyro bias over Earth rate, at most a right angle
+        latitude_sd = min(float(np.max(gyro_bias_sd(result.imu_model[0].gyro))) / OMEGA_EARTH, 0.5 * np.pi)
+    steps, warnings = _steps(alignment), tuple(_warnings(alignment, latitude_sd))
+    known = np.isfinite((alignment.fine or alignment.coarse).sd[2])
     light: tuple[Light, str] = ("good", "the heading is known") if known else ("attention", "the heading is not known")
     names = [f"{name} {axis}" for name in steps for axis in ("tilt north", "tilt east", "heading")]
     sizes = np.concatenate([each.sd for each in steps.values()]) / DEG
@@ -42,45 +42,45 @@ def page(result: Result[FineAlignment]) -> Page:
     panel = replace(row_panel("attitude", "Standard deviations of the attitude", "sd [deg]", [points], names), log="x")
     tables = [Section(k, f"{k.capitalize()} alignment", alignment_items(e), show="page") for k, e in steps.items()]
     latitude = (
-        Quantity("latitude_given", found.latitude, "deg", decimals=4),
-        Quantity("latitude_from_sensors", found.sensor_latitude, "deg", sd=sd),
+        Quantity("latitude_given", alignment.latitude, "deg", decimals=4),
+        Quantity("latitude_from_sensors", alignment.sensor_latitude, "deg", sd=latitude_sd),
     )
     return Page(
         "Alignment",
-        _summary(found, sd),
+        _summary(alignment, latitude_sd),
         (
             *tables,
-            *(() if found.fine else (only_json("", Quantity("fine", None)),)),
+            *(() if alignment.fine else (only_json("", Quantity("fine", None)),)),
             Section("", "Latitude", latitude, show="page"),
             drawn("attitude", panel.title, (panel,)),
         ),
         warnings,
-        verdict=by_warnings(_sentence(found.fine or found.coarse), warnings, light),
+        verdict=by_warnings(_sentence(alignment.fine or alignment.coarse), warnings, light),
     )
 
 
 def _steps(found: FineAlignment) -> dict[str, Alignment]:
-    """Return the coarse alignment, and the fine one if there is one, by name."""
+    """Return the coarse alignment, and the fine alignment if there is one, by name."""
     return {"coarse": found.coarse} | ({"fine": found.fine} if found.fine else {})
 
 
 def _sentence(found: Alignment) -> str:
-    """Attitude in one sentence."""
+    """Write roll, pitch and heading in one sentence."""
     (roll, pitch, heading), sd = found.rph / DEG, found.sd[2] / DEG
-    known = f"heading {heading % 360.0:.2f} ± {number(sd, 2)} deg" if np.isfinite(sd) else "no heading"
-    return f"Roll {roll:.3f} deg, pitch {pitch:.3f} deg, {known}."
+    heading_text = f"heading {heading % 360.0:.2f} ± {number(sd, 2)} deg" if np.isfinite(sd) else "no heading"
+    return f"Roll {roll:.3f} deg, pitch {pitch:.3f} deg, {heading_text}."
 
 
 def _warnings(found: FineAlignment, sd: float | None) -> Iterator[Finding]:
-    """Yield a contradiction between gyros and latitude. `sd`: of the latitude from the gyros [rad]."""
-    off = abs(found.sensor_latitude - found.latitude)
-    if sd is not None and off >= CONTRADICTED * sd:
+    """Yield a warning if sensors and given latitude contradict each other. `sd`: sd of the sensors' latitude [rad]."""
+    difference = abs(found.sensor_latitude - found.latitude)
+    if sd is not None and difference >= CONTRADICTED * sd:
         limit = CONTRADICTED * sd
-        yield Finding.of(Code.ALIGN_LATITUDE, off_rad=off, limit_rad=limit, latitude_rad=found.latitude)
+        yield Finding.of(Code.ALIGN_LATITUDE, off_rad=difference, limit_rad=limit, latitude_rad=found.latitude)
 
 
 def _summary(found: FineAlignment, sd: float | None) -> tuple[str, ...]:
-    """Write stationary interval, attitude and latitude, one per line."""
+    """Write lines with stationary interval, attitude of each alignment, and latitude. `sd`: as in `_warnings`."""
     lines = []
     if found.coarse.static is not None:
         start, end = (round(time, 1) + 0.0 for time in found.coarse.static)
@@ -104,13 +104,10 @@ def _heading(found: Alignment) -> str:
 
 
 def _named(method: str) -> str:
-    """Return the name of an alignment method."""
+    """Return the name of an alignment method in words, from its code."""
     return render(Finding.of(Code(method))).title
 
 
 def frame(result: Result[FineAlignment]) -> DataFrame:
-    """Build a table of coarse and fine attitude.
-
-    Returns: one row per step: ``time_s``, ``roll_deg``, ``heading_deg``, ….
-    """
+    """Build a table with the attitude of each alignment step; columns: ``step``, ``time_s``, ``roll_deg``, …."""
     return rows_frame((Quantity("step", name), *alignment_items(each)) for name, each in _steps(result.found).items())

@@ -1,4 +1,4 @@
-"""Noise of a static record or of plain signals: page with Allan deviations, and table."""
+"""Report of the noise of a static IMU record, or of other signals: page with Allan deviations, and tables."""
 
 from __future__ import annotations
 
@@ -24,10 +24,10 @@ from insnav.types import FloatArray
 from insnav.units import M_S_PER_SQRT_H, UG, UNITS
 
 IMU_TOML, IMU_YAML, DEVIATIONS = "imu.toml", "imu.yaml", "allan.csv"
-_TIMES = (0.01, 0.1, 1.0, 10.0, 100.0, 1000.0, 10000.0)  # of the table of deviations [s]
-_NEAR = 1.3  # largest ratio between a table time and its entry
+_TIMES = (0.01, 0.1, 1.0, 10.0, 100.0, 1000.0, 10000.0)  # averaging times in the table of Allan deviations [s]
+_NEAR = 1.3  # a time of the table is omitted if the nearest computed averaging time differs by more than this factor
 
-# coefficient -> label, unit shown and unit in SI of gyros, of accelerometers
+# noise coefficient: label, (shown unit, SI unit) of gyros, (shown unit, SI unit) of accelerometers
 _TERMS = {
     "Q": ("quantisation Q", ("arcsec", "rad"), ("mm/s", "m/s")),
     "N": ("random walk N", ("deg/sqrt(h)", "rad/sqrt(s)"), ("m/s/sqrt(h)", "m/s/sqrt(s)")),
@@ -40,7 +40,7 @@ _KEYS = KEYS | {"B": "bias_instability", "GM": "gauss_markov"}
 _IN_FILE = ("N", "GM", "K", "Q", "R")
 NOTE = "points: overlapping Allan deviation; band: 95 %; lines: fitted model; grey: slopes of Q, N, B, K, R"
 _GUIDES = ((-1.0, "Q −1"), (-0.5, "N −½"), (0.0, "B 0"), (0.5, "K +½"), (1.0, "R +1"))
-_TALL = 2.4  # vertical range of the guide lines, as a factor
+_TALL = 2.4  # largest ratio between the end and the middle of a guide line on the vertical axis
 
 
 def noise_quantity(
@@ -54,7 +54,7 @@ def noise_quantity(
 ) -> Quantity:
     """Build the quantity of one noise coefficient of a gyro or an accelerometer.
 
-    `term` {"Q", "N", "B", "K", "GM", "R"}. `si`: in SI units instead of usual units.
+    `term` {"Q", "N", "B", "K", "GM", "R"}: see ``_TERMS``. `si`: show SI units instead of the usual units.
     """
     label, *units = _TERMS[term]
     return Quantity(_KEYS[term], value, units[0 if gyro else 1][1 if si else 0], sd, interval, label)
@@ -69,10 +69,10 @@ def page(result: Result[StaticNoise | SignalNoise]) -> Page:
     name = Path(facts.path).name
     axes = [_axis(found, column) for column in range(6)]
     sensors = {
-        name: tuple((Quantity("axis", AXES[k][-1]), *axes[k][0].items) for k in own if len(axes[k]) > 1)
-        for name, own in (("gyros", range(3)), ("accelerometers", range(3, 6)))
+        name: tuple((Quantity("axis", AXES[k][-1]), *axes[k][0].items) for k in columns if len(axes[k]) > 1)
+        for name, columns in (("gyros", range(3)), ("accelerometers", range(3, 6)))
     }
-    named = (_sizes(found, term, gyro=gyro) for gyro in (True, False) for term in ("N", "B", "K"))
+    largest_first = (_sizes(found, term, gyro=gyro) for gyro in (True, False) for term in ("N", "B", "K"))
     return Page(
         f"Noise of {name}",
         (_extent(allan),),
@@ -80,7 +80,7 @@ def page(result: Result[StaticNoise | SignalNoise]) -> Page:
             only_json("", Quantity("command", "allan"), Quantity("imu", facts.as_dict())),
             drawn("allan", f"Allan deviation of {name}", allan_panels(found), NOTE),
             only_json("", Quantity("length", allan.length, "s"), Quantity("interval", allan.interval, "s")),
-            *(Section("", f"Noise coefficients of the {name}", rows=own) for name, own in sensors.items()),
+            *(Section("", f"Noise coefficients of the {name}", rows=columns) for name, columns in sensors.items()),
             Section("axes", parts=tuple(part for parts in axes for part in parts)),
             Section("deviations", "Allan deviation", rows=_deviations(found)),
             _filter_figures(found),
@@ -88,7 +88,7 @@ def page(result: Result[StaticNoise | SignalNoise]) -> Page:
         result.findings,
         tuple(phrase("method.allan").splitlines()),
         verdict=by_warnings(_sentence(found), result.findings, ("good", "noise models follow the Allan deviation")),
-        merits=tuple(each for each in named if each is not None),
+        merits=tuple(each for each in largest_first if each is not None),
         merits_note="medians of the three axes; N, B, K: IEEE Std 952",
     )
 
@@ -126,7 +126,7 @@ def _signal_page(found: SignalNoise) -> Page:
 
 
 def texts(result: Result[StaticNoise | SignalNoise]) -> dict[str, str]:
-    """Return the file texts of deviations and IMU model."""
+    """Return the contents of text files by name: the table of deviations; for a static record also the IMU model."""
     found = result.found
     model = {}
     if isinstance(found, StaticNoise):
@@ -135,14 +135,14 @@ def texts(result: Result[StaticNoise | SignalNoise]) -> dict[str, str]:
 
 
 def frame(result: Result[StaticNoise | SignalNoise]) -> DataFrame:
-    """Build a table of deviations with intervals, one row per averaging time."""
+    """Build a table of Allan deviations with intervals, one row per averaging time."""
     import pandas as pd
 
     return pd.DataFrame(_table(result.found))
 
 
 def _sizes(found: StaticNoise, term: str, *, gyro: bool) -> Quantity | None:
-    """Build the quantity of a coefficient on three axes; None if no axis determines it."""
+    """Build the median of a noise coefficient over three gyros or accelerometers; None if no axis determines it."""
     models = found.models[:3] if gyro else found.models[3:]
     values = [model.coefficients[term].value for model in models if model is not None and term in model.coefficients]
     if not values:
@@ -156,17 +156,17 @@ def _sentence(found: StaticNoise) -> str:
     """Write random walk and bias instability of gyros and accelerometers in one sentence."""
     texts = []
     for sensor, gyro in (("gyros", True), ("accelerometers", False)):
-        known = [each for each in (_sizes(found, term, gyro=gyro) for term in ("N", "B")) if each is not None]
-        words = " and ".join(f"{each.label.split(', ')[1]} {cell(each)} {each.shown_unit}" for each in known)
-        texts += [f"{sensor}: {words}"] if known else []
+        quantities = [each for each in (_sizes(found, term, gyro=gyro) for term in ("N", "B")) if each is not None]
+        words = " and ".join(f"{each.label.split(', ')[1]} {cell(each)} {each.shown_unit}" for each in quantities)
+        texts += [f"{sensor}: {words}"] if quantities else []
     text = "; ".join(texts) or "no axis has an identifiable noise"
     return f"{text[0].upper()}{text[1:]}."
 
 
 def _axis(found: StaticNoise, column: int) -> tuple[Section, ...]:
-    """Lay out the coefficients of one axis in usual units, and in SI."""
+    """Lay out the noise coefficients of one axis: first in usual units, then in SI units."""
     model, floor, gyro = found.models[column], found.floors[column], column < 3
-    size = "deg/h" if gyro else "ug"
+    unit = "deg/h" if gyro else "ug"
     key = AXES[column].replace(" ", "_")
     if model is None or floor is None:
         return (only_json("", Quantity(key, None)),)
@@ -174,15 +174,15 @@ def _axis(found: StaticNoise, column: int) -> tuple[Section, ...]:
         noise_quantity(term, each.value, each.sd, (each.low, each.high), gyro=gyro)
         for term, each in model.coefficients.items()
     ]
-    items += _of_model(model, size)
-    items.append(Quantity("floor", floor.value, size, meaning="lowest deviation"))
+    items += _of_model(model, unit)
+    items.append(Quantity("floor", floor.value, unit, meaning="lowest deviation"))
     items += of_table("allan.axis", floor, misfit=model.misfit)
     si = (noise_quantity(term, each.value, gyro=gyro, si=True) for term, each in model.coefficients.items())
     return only_json(key, *items), only_json(key, *si)
 
 
 def _of_model(model: NoiseModel, unit: str) -> Iterator[Quantity]:
-    """Yield further parameters of a model: correlation time and sinusoids, with amplitudes in `unit`."""
+    """Yield the other parameters of a noise model: correlation time, and sinusoids with amplitudes in `unit`."""
     if np.isfinite(model.correlation_time):
         yield Quantity("correlation_time", model.correlation_time, "s", model.correlation_time_sd)
     for i, line in enumerate(model.sinusoids, start=1):
@@ -216,23 +216,23 @@ def _filter_figures(found: StaticNoise) -> Section:
 
 
 def _columns(found: StaticNoise | SignalNoise) -> list[tuple[str, str]]:
-    """List name and unit of every column of deviations."""
+    """List name and unit of every column of Allan deviations."""
     if isinstance(found, StaticNoise):
         return [(axis.replace(" ", "_"), "deg/h" if i < 3 else "ug") for i, axis in enumerate(AXES)]
     return [(f"signal_{i + 1}", "") for i in range(len(found.models))]
 
 
 def _table(found: StaticNoise | SignalNoise) -> dict[str, FloatArray]:
-    """Build columns of deviations with intervals, units in the names."""
+    """Build the columns of the table of Allan deviations, with intervals and models; the names include the units."""
     columns = {"tau_s": found.allan.tau}
     for i, ((name, unit), model) in enumerate(zip(_columns(found), found.models, strict=True)):
-        end, factor = key_suffix(unit), UNITS[unit][1] if unit else 1.0
-        columns[f"{name}{end}"] = found.allan.deviation[:, i] / factor
+        suffix, factor = key_suffix(unit), UNITS[unit][1] if unit else 1.0
+        columns[f"{name}{suffix}"] = found.allan.deviation[:, i] / factor
         if model is not None:
             columns |= {
-                f"{name}_low{end}": model.low / factor,
-                f"{name}_high{end}": model.high / factor,
-                f"{name}_model{end}": np.sqrt(model.variance) / factor,
+                f"{name}_low{suffix}": model.low / factor,
+                f"{name}_high{suffix}": model.high / factor,
+                f"{name}_model{suffix}": np.sqrt(model.variance) / factor,
                 f"{name}_freedom": model.freedom,
             }
     return columns
@@ -244,31 +244,31 @@ def allan_panels(found: StaticNoise | SignalNoise) -> Iterator[Panel]:
     if isinstance(found, SignalNoise):
         panels = {"signals": range(len(found.models))}
     tau, names, note = found.allan.tau, _columns(found), NOTE
-    for sensors, own in panels.items():
-        unit = names[own[0]][1]
-        size, curves, seen = UNITS[unit][1] if unit else 1.0, [], []
-        for i, colour in zip(own, cycle(AXIS_COLOURS), strict=False):
+    for sensors, columns in panels.items():
+        unit = names[columns[0]][1]
+        size, curves, deviations = UNITS[unit][1] if unit else 1.0, [], []
+        for i, colour in zip(columns, cycle(AXIS_COLOURS), strict=False):
             model, deviation = found.models[i], found.allan.deviation[:, i]
             if model is not None:
                 name = names[i][0][-1] if unit else f"signal {i + 1}"
-                seen.append(deviation[deviation > 0.0] / size)
+                deviations.append(deviation[deviation > 0.0] / size)
                 curves += [
                     Curve(name, tau, model.high / size, colour, "band", model.low / size),
                     Curve(name, tau, deviation / size, colour, "points"),
                     Curve(name, tau, np.sqrt(model.variance) / size, colour),
                 ]
-        if not seen:
+        if not deviations:
             continue
-        low, high = (float(limit(np.concatenate(seen))) for limit in (np.min, np.max))
+        low, high = (float(limit(np.concatenate(deviations))) for limit in (np.min, np.max))
         title = f"Allan deviation of the {sensors}" if unit else "Allan deviation"
         labels = title, f"Allan deviation [{unit or 'unit of the signal'}]", "averaging time [s]"
-        every, limits = (*curves, *_guides(tau, high)), (0.4 * low, 5.0 * high)
-        yield Panel(f"allan_{sensors}", *labels, every, "tau", note, log="xy", limits=limits, height=400)
+        all_curves, limits = (*curves, *_guides(tau, high)), (0.4 * low, 5.0 * high)
+        yield Panel(f"allan_{sensors}", *labels, all_curves, "tau", note, log="xy", limits=limits, height=400)
         note = ""
 
 
 def _guides(tau: FloatArray, high: float) -> Iterator[Curve]:
-    """Draw short guide lines of every slope through one point, in an empty corner."""
+    """Draw short lines with the slope of each noise type through a point above the largest deviation `high`."""
     half = (float(tau[-1]) / float(tau[0])) ** 0.1
     x, y = float(tau[-1]) / half, 1.8 * high
     for slope, text in _GUIDES:

@@ -1,4 +1,4 @@
-"""Pages of an error budget: from sources to errors, and from final errors of a run to their causes."""
+"""Reports of an error budget, from error sources to position error, and of its inverse, from final error to causes."""
 
 from __future__ import annotations
 
@@ -37,8 +37,8 @@ from insnav.report.terminal import page_text
 from insnav.result import Result
 from insnav.units import DEG, DEG_PER_H, G0, UNITS
 
-_SHOWN = 10  # sources with a separate bar
-_LEAST = 1e-3  # least share of the variance for a separate bar
+_SHOWN = 10  # largest number of error families with a separate bar
+_LEAST = 1e-3  # smallest share of the variance for a separate bar [-]
 _GROUPS = {
     "initial": ("start", ORANGE),
     "gyro": ("gyros", BLUE),
@@ -54,7 +54,7 @@ __all__ = ["PDF_PAGES", "end_page", "frame", "page", "read_found", "write_files"
 
 
 def budget_panels(budget: Budget, windows: RecordedBudget | None, origin: str) -> tuple[Panel, ...]:
-    """Draw all panels of the first screens."""
+    """Draw the main panels of a budget: error growth, contributions, recorded over predicted error, sources."""
     part = None if windows is None else windows.shown
     panels = [_growth(budget, part), _contributions(budget, origin)]
     if part is not None:
@@ -63,25 +63,25 @@ def budget_panels(budget: Budget, windows: RecordedBudget | None, origin: str) -
 
 
 def _growth(budget: Budget, part: RecordedPart | None) -> Panel:
-    """Draw the horizontal error over time by all methods, with the spread of recorded windows."""
-    time, whole, zero = budget.time, budget.covariance, np.zeros(len(budget.time))
+    """Draw the horizontal error over time by all methods, with the distribution of the errors of recorded windows."""
+    time, covariance, zero = budget.time, budget.covariance, np.zeros(len(budget.time))
     note = "grey: recorded windows, including reference errors; purple: 95 % interval of their RMS"
     curves = [] if part is None else _recorded(part)
     curves += [
         Curve("up to the worst-case sum", time, budget.worst[:, 3], SKY, "band", zero),
-        Curve("covariance, 1 sd", time, horizontal(whole.total), BLACK),
+        Curve("covariance, 1 sd", time, horizontal(covariance.total), BLACK),
         Curve("analytic", time, horizontal(budget.analytic.total), BLUE, "dashed"),
     ]
     if budget.simulated is not None:
-        at, (low, high) = budget.chosen, budget.simulated.band
-        value = horizontal(budget.simulated.total[at])
+        rows, (low, high) = budget.chosen, budget.simulated.band
+        value = horizontal(budget.simulated.total[rows])
         texts = tuple(
             f"simulated, {budget.simulated.runs} runs: {number(float(v))} m ({number(float(v / high))} … "
             f"{number(float(v / low))} m) after {t:g} s"
-            for t, v in zip(time[at], value, strict=True)
+            for t, v in zip(time[rows], value, strict=True)
         )
         name = f"simulated, {budget.simulated.runs} runs"
-        curves.append(Curve(name, time[at], value, VERMILLION, "crosses", text=texts))
+        curves.append(Curve(name, time[rows], value, VERMILLION, "crosses", text=texts))
     if part is None and budget.recorded is not None:
         found = budget.recorded
         curves.append(Curve(f"recorded, {found.windows} windows", found.time, found.corrected[:, 3], PURPLE, "crosses"))
@@ -90,18 +90,18 @@ def _growth(budget: Budget, part: RecordedPart | None) -> Panel:
 
 
 def _recorded(part: RecordedPart) -> list[Curve]:
-    """Draw the spread of the windows, their RMS with interval, and their predicted error."""
+    """Draw the distribution of the recorded windows' horizontal errors, their RMS with interval, and the prediction."""
     i, windows, curve = COMPONENTS.index("horizontal"), part.windows, part.curve
     error = components(windows)[0][:, :, i]
-    found = spread(np.median(windows.elapsed, axis=0), error)
+    curves = spread(np.median(windows.elapsed, axis=0), error)
     if np.isfinite(curve.low[:, i]).any():
-        found.append(Curve("recorded RMS, corrected", curve.times, curve.high[:, i], PURPLE, "band", curve.low[:, i]))
-    found.append(Curve("recorded RMS, corrected", curve.times, curve.corrected[:, i], PURPLE))
-    return [*found, Curve("predicted by the filter, all windows", curve.times, curve.predicted[:, i], GREEN, "dashed")]
+        curves.append(Curve("recorded RMS, corrected", curve.times, curve.high[:, i], PURPLE, "band", curve.low[:, i]))
+    curves.append(Curve("recorded RMS, corrected", curve.times, curve.corrected[:, i], PURPLE))
+    return [*curves, Curve("predicted by the filter, all windows", curve.times, curve.predicted[:, i], GREEN, "dashed")]
 
 
 def _contributions(budget: Budget, origin: str) -> Panel:
-    """Draw a waterfall of the variance: each family begins at the end of the previous one."""
+    """Draw the shares of error families in the variance as bars; each bar begins where the bar above it ends."""
     order, part = ranked(budget), shares(budget)
     shown = [k for k in order[:_SHOWN] if part[k] > _LEAST] or order[:1]
     end = 100.0 * np.cumsum(part[shown])
@@ -109,10 +109,10 @@ def _contributions(budget: Budget, origin: str) -> Panel:
     rows = [f"{budget.families[k]}" for k in shown]
     kinds = [_GROUPS[name.partition(" ")[0]][0] for name in rows]
     curves = bars(kinds, dict(_GROUPS.values()), end - 100.0 * part[shown], end, texts)
-    left = len(order) - len(shown)
-    if left:
-        rows.append(f"{left} more")
-        rest = f"{left} more sources, {100.0 - float(end[-1]):.2g} % of the variance together"
+    remaining = len(order) - len(shown)
+    if remaining:
+        rows.append(f"{remaining} more")
+        rest = f"{remaining} more sources, {100.0 - float(end[-1]):.2g} % of the variance together"
         place = np.array([float(len(shown))])
         curves.append(Curve("others", np.array([100.0]), place, GREY, "bars", end[-1:], text=(rest,)))
     gain = saved(budget)[shown[0]]
@@ -122,7 +122,7 @@ def _contributions(budget: Budget, origin: str) -> Panel:
 
 
 def _explained(part: RecordedPart) -> Panel:
-    """Draw recorded over predicted error at the end, coloured by agreement."""
+    """Draw the ratio of recorded to predicted error at the end of the windows, coloured by their agreement."""
     rows = [each for each in part.verdicts if each.predicted > 0.0]
     kinds = [_kind(each) for each in rows]
     colours = {"explained": GREEN, "less than predicted": SKY, "not explained": VERMILLION}
@@ -131,8 +131,8 @@ def _explained(part: RecordedPart) -> Panel:
     curves = bars(kinds, {kind: colours[kind] for kind in kinds}, low, high, texts)
     dots = [(row, each.recorded / each.predicted) for row, each in enumerate(rows) if np.isfinite(each.recorded)]
     if dots:
-        at, value = np.array(dots).T
-        curves.append(Curve("recorded / predicted", value, at, BLACK, "points"))
+        dot_rows, value = np.array(dots).T
+        curves.append(Curve("recorded / predicted", value, dot_rows, BLACK, "points"))
     title, label = f"Explained or not, after {part.growth.length:g} s", "recorded RMS, corrected, over predicted sd [-]"
     note = "bar: 95 % interval; explained if it reaches down to 1 (shaded), or if as few windows may err so much"
     panel = row_panel("explained", title, label, curves, [each.component for each in rows], note)
@@ -146,17 +146,17 @@ def _kind(each: Verdict) -> str:
 
 
 def _ratios(each: Verdict) -> tuple[float, float]:
-    """Return the interval of recorded over predicted error; the value itself without an interval."""
+    """Return the ends of a bar: 95 % interval of recorded over predicted error; without it, the ratio itself."""
     low, high = (each.low, each.high) if np.isfinite(each.low) else (each.recorded, each.recorded)
     low, high = (0.0 if not np.isfinite(value) else value / each.predicted for value in (low, high))
-    return low, max(high, low + 0.02)
+    return low, max(high, low + 0.02)  # a bar of no width would be invisible
 
 
 def _reason(each: Verdict, part: RecordedPart) -> str:
-    """Return the reason why an error counts as explained or not."""
+    """Write recorded and predicted error of a component, and why the predicted error explains it or not."""
     value = f"{number(each.recorded)} m" if np.isfinite(each.recorded) else below_noise(each.high, " m")
-    known = np.isfinite(each.low) and np.isfinite(each.recorded)
-    interval = f" ({number(each.low)} … {number(each.high)} m)" if known else ""
+    has_interval = np.isfinite(each.low) and np.isfinite(each.recorded)
+    interval = f" ({number(each.low)} … {number(each.high)} m)" if has_interval else ""
     head = f"{each.component}: recorded {value}{interval}, predicted {number(each.predicted)} m: {_kind(each)}"
     if not each.explained:
         return f"{head}: the stated errors of IMU and fixes do not explain it; see the causes below"
@@ -167,7 +167,7 @@ def _reason(each: Verdict, part: RecordedPart) -> str:
 
 
 def _sources(budget: Budget) -> Panel:
-    """Draw the growth of the largest families alone, on logarithmic axes."""
+    """Draw the error growth by each of the largest error families alone, and by all, on logarithmic axes."""
     time, shown = budget.time, ranked(budget)[: len(_LINES)]
     total = horizontal(budget.covariance.total)
     curves = []
@@ -182,7 +182,7 @@ def _sources(budget: Budget) -> Panel:
 
 
 def windows_drawings(budget: RecordedBudget) -> tuple[Section, ...]:
-    """Lay out growth, equivalent errors and regression of the recorded windows, calibrated and uncalibrated."""
+    """Lay out figures of the recorded windows, calibrated and uncalibrated: growth, equivalent errors, regression."""
     sections = []
     for kind, part in parts_of(budget):
         name = "uncalibrated" if part.windows.uncalibrated else "recorded"
@@ -196,17 +196,17 @@ def windows_drawings(budget: RecordedBudget) -> tuple[Section, ...]:
 
 
 def _growth_panels(part: RecordedPart, key: str) -> Iterator[Panel]:
-    """Draw North and East error over the time without fixes, and the horizontal one on logarithmic axes."""
+    """Draw North, East and horizontal errors of windows over time; the horizontal error has logarithmic axes."""
     windows, curve = part.windows, part.curve
     error = components(windows)[0]
     for name in ("north", "east", "horizontal"):
-        i, both = COMPONENTS.index(name), name != "horizontal"
+        i, signed = COMPONENTS.index(name), name != "horizontal"
         curves = spread(np.median(windows.elapsed, axis=0), error[:, :, i])
-        for sign in (1.0, -1.0) if both else (1.0,):
+        for sign in (1.0, -1.0) if signed else (1.0,):
             curves += _sums(part, i, sign)
         largest = 1.1 * float(np.nanmax([np.nanmax(np.abs(error[:, :, i])), np.nanmax(curve.predicted[:, i])]))
-        limits = -largest, largest  # the band of few replicas is wide
-        if not both:
+        limits = -largest, largest  # not from the band of simulated replicas, which is very wide for few replicas
+        if not signed:
             rms = curve.corrected[:, i]
             first = max(1, len(curve.times) // 6)
             curves += power_lines(curve.times[first:], float(rms[-1]), GREEN) if rms[-1] > 0.0 else []
@@ -215,11 +215,11 @@ def _growth_panels(part: RecordedPart, key: str) -> Iterator[Panel]:
         labels = f"{name.capitalize()} error of {windows.count} windows", f"{name} error [m]", _TIME
         note = "bands: 95 %, of the windows by block bootstrap"
         panel = Panel(f"{key}_growth_{name}", *labels, tuple(curves), note=note, limits=limits, height=260)
-        yield replace(panel, link=f"{key}_growth") if both else replace(panel, log="xy")
+        yield replace(panel, link=f"{key}_growth") if signed else replace(panel, log="xy")
 
 
 def _sums(part: RecordedPart, i: int, sign: float) -> list[Curve]:
-    """Draw RMS with interval, predicted sd, and replica band, on one side of zero."""
+    """Draw recorded RMS with interval, predicted sd and replica band of component `i`. `sign`: side of zero."""
     curve, curves = part.curve, []
     if part.replicas is not None:
         low, high = (sign * each[:, i] for each in part.replicas.band)
@@ -232,11 +232,11 @@ def _sums(part: RecordedPart, i: int, sign: float) -> list[Curve]:
 
 
 def _causes_panels(part: RecordedPart, key: str) -> Iterator[Panel]:
-    """Draw velocity, effective acceleration and drift of each fitted window, with the filter's sd."""
+    """Draw the equivalent velocity, acceleration and drift error of each window, with the sd of the filter."""
     diagnosis = part.diagnosis
     windows = diagnosis.windows
-    since = windows.start - windows.start[0]
-    ends = np.array([since.min(), since.max()])
+    start = windows.start - windows.start[0]
+    ends = np.array([start.min(), start.max()])
     across = f"start of the window, since {windows.start[0]:.1f} s [s]"
     note = "at rest or straight" if diagnosis.steady else "turns included, in which no curve is pure"
     for row, name in enumerate(CAUSES):
@@ -249,17 +249,18 @@ def _causes_panels(part: RecordedPart, key: str) -> Iterator[Panel]:
             curves = [Curve("1 sd of the filter", ends, half, GREY, "band", -half)]
             for motion, colour in _MOTIONS.items():
                 chosen = windows.motion == motion
-                at, y, reach = since[chosen], value[chosen], sd[chosen]
-                bars = np.column_stack((y - reach, y + reach, np.full(len(at), np.nan))).ravel()
-                curves.append(Curve(motion, at, y, colour, "points"))
-                curves.append(Curve("", np.repeat(at, 3), bars, colour, "thin"))
+                x, y, reach = start[chosen], value[chosen], sd[chosen]
+                # vertical lines: lower end, upper end, NaN to interrupt
+                error_bars = np.column_stack((y - reach, y + reach, np.full(len(x), np.nan))).ravel()
+                curves.append(Curve(motion, x, y, colour, "points"))
+                curves.append(Curve("", np.repeat(x, 3), error_bars, colour, "thin"))
             labels = f"{axis.axis.capitalize()} {name}: error grows with {GROWS[name]}", f"{name} [{CAUSE_UNITS[name]}]"
-            known = tuple(each for each in curves if len(each.x))
-            yield Panel(f"{key}_{axis.axis}_{name}".replace(" ", "_"), *labels, across, known, f"{key}_causes", note)
+            nonempty = tuple(each for each in curves if len(each.x))
+            yield Panel(f"{key}_{axis.axis}_{name}".replace(" ", "_"), *labels, across, nonempty, f"{key}_causes", note)
 
 
 def _regression_panel(part: RecordedPart, key: str) -> Panel:
-    """Draw the size of North and East errors over their predicted sd."""
+    """Draw absolute North and East errors of windows over their predicted sd, with the regression line."""
     line = part.regression
     interval = f" ({line.low:.2f} to {line.high:.2f})" if np.isfinite(line.low) else ""
     small = 1e-2 * float(np.median(line.recorded)) if len(line.recorded) else 1e-3
@@ -279,10 +280,10 @@ def _regression_panel(part: RecordedPart, key: str) -> Panel:
 
 
 def page(result: Result[BudgetStudy]) -> Page:
-    """Lay out an error budget."""
+    """Lay out an error budget: errors by all methods, contributions of the sources, recorded windows, impact."""
     budget, windows = result.found.budget, result.found.windows
-    wrong = warnings(budget, windows)
-    taken = (*assumptions(budget), *(recorded.windows_assumptions(windows) if windows is not None else ()))
+    problems = warnings(budget, windows)
+    basis = (*assumptions(budget), *(recorded.windows_assumptions(windows) if windows is not None else ()))
     total = str(result.options.get("total") or "rss")
     axes = quantities.axes_section(budget, total)
     sections = (
@@ -301,15 +302,15 @@ def page(result: Result[BudgetStudy]) -> Page:
         f"Error budget of {budget.imu}: {budget.time[budget.chosen[-1]]:g} s without GPS",
         summary(budget),
         sections,
-        (*wrong, *taken),
+        (*problems, *basis),
         (phrase("method.intervals"),) * (windows is not None),
-        verdict=by_warnings(headline(budget), wrong, _light(budget, windows)),
+        verdict=by_warnings(headline(budget), problems, _light(budget, windows)),
         merits=quantities.merits(budget, windows),
     )
 
 
 def _windows(windows: RecordedBudget) -> tuple[Section, ...]:
-    """Lay out the recorded windows, folded, with sentences first."""
+    """Lay out the recorded windows: findings as sentences, then tables and figures, both folded."""
     lines = recorded.windows_sentences(windows)
     sentences = only_json("", Quantity("recorded_summary", lines))
     rows = tuple((Quantity("finding", line, meaning=" "),) for line in lines)
@@ -322,19 +323,16 @@ def _windows(windows: RecordedBudget) -> tuple[Section, ...]:
 
 
 def _origin(result: Result[BudgetStudy]) -> str:
-    """Return the origin of the source sizes."""
+    """Describe where the sizes of the error sources come from: name of the IMU model, and how it was chosen."""
     name = result.found.budget.imu if result.imu_model is None else result.imu_model[0].name
     given = result.imu_model is None or result.imu_model[1] == Finding.of(Code.IMU_MODEL_GIVEN)
-    how = "" if result.imu_model is None or given else f": {sentence(result.imu_model[1])}"
-    return f"IMU model {name}{how}"
+    choice = "" if result.imu_model is None or given else f": {sentence(result.imu_model[1])}"
+    return f"IMU model {name}{choice}"
 
 
 def write_files(result: Result[BudgetStudy], folder: RunFolder, table_format: TableFormat) -> None:
-    """Write ``budget.pdf``, the IMU model, and the complete result for later reading.
-
-    `folder`: entered, not committed. `table_format` {"csv", "parquet"}: unused, as a budget has no tables of its own.
-    """
-    from insnav.report.figures import drawing  # matplotlib is imported only where a figure is asked for
+    """Write ``budget.pdf``, the IMU model, and the complete result for `read_found`; `table_format` has no effect."""
+    from insnav.report.figures import drawing  # imports matplotlib, needed only to draw figures
     from insnav.report.pdf import write_pdf
 
     store(result.found, folder.path(FOUND))
@@ -347,20 +345,20 @@ def write_files(result: Result[BudgetStudy], folder: RunFolder, table_format: Ta
 
 
 def read_found(folder: Path, findings: Sequence[Finding]) -> BudgetStudy:
-    """Read a budget from its folder. Version 0.2 stored the notes on windows as plain text."""
-    found: BudgetStudy = read_stored(folder)
-    if found.windows is None:
-        return found
-    notes = tuple(Finding.from_dict(each) if isinstance(each, str) else each for each in found.windows.notes)
-    return replace(found, windows=replace(found.windows, notes=notes))
+    """Read a budget from its folder, and convert notes on windows from version 0.2, where they were plain text."""
+    study: BudgetStudy = read_stored(folder)
+    if study.windows is None:
+        return study
+    notes = tuple(Finding.from_dict(each) if isinstance(each, str) else each for each in study.windows.notes)
+    return replace(study, windows=replace(study.windows, notes=notes))
 
 
 def frame(result: Result[BudgetStudy]) -> DataFrame:
-    """Build a numeric table of contributions to the horizontal error."""
+    """Build a table of the contributions to the horizontal error, with the source sizes as numbers."""
     budget, rows = result.found.budget, []
     for row in quantities.contributions_rows(budget):
-        least, most, unit = extent(budget, str(row[0].value))
-        sizes = Quantity("size_least", least), Quantity("size_largest", most), Quantity("size_unit", unit)
+        smallest, largest, unit = extent(budget, str(row[0].value))
+        sizes = Quantity("size_least", smallest), Quantity("size_largest", largest), Quantity("size_unit", unit)
         others = [each for each in row if each.key != "size"]
         metres = (each if each.unit or isinstance(each.value, str) else replace(each, unit="m") for each in others)
         rows.append((*metres, *sizes))
@@ -368,14 +366,14 @@ def frame(result: Result[BudgetStudy]) -> DataFrame:
 
 
 def summary(budget: Budget) -> tuple[str, ...]:
-    """Return summary sentences beyond the verdict."""
-    total = budget.valid.total[budget.chosen[-1]]
-    down = "held to the reference" if budget.hold else f"{number(total[2])} m"
-    return (f"Motion: {budget.motion}. North {number(total[0])} m, east {number(total[1])} m, down: {down}.",)
+    """Summarise a budget in one sentence in addition to the verdict: motion, and errors along each axis."""
+    errors = budget.valid.total[budget.chosen[-1]]
+    down = "held to the reference" if budget.hold else f"{number(errors[2])} m"
+    return (f"Motion: {budget.motion}. North {number(errors[0])} m, east {number(errors[1])} m, down: {down}.",)
 
 
 def warnings(budget: Budget, windows: RecordedBudget | None = None) -> tuple[Finding, ...]:
-    """Return warnings."""
+    """Return warnings: nonlinear errors, simulation mismatch, missing and ignored error terms, recorded windows."""
     found = []
     if not budget.linear:
         attitude = float(budget.covariance.total[budget.chosen[-1], 6:].max())
@@ -391,14 +389,14 @@ def warnings(budget: Budget, windows: RecordedBudget | None = None) -> tuple[Fin
 
 
 def assumptions(budget: Budget) -> Iterator[Finding]:
-    """Yield explanations and assumptions of the budget."""
+    """Yield findings that explain the method of the budget and its assumptions."""
     last = float(budget.time[budget.chosen[-1]])
-    at = min(last, SHORT)
-    bias, drift = budget.short_form_error(at)
+    time = min(last, SHORT)
+    bias, drift = budget.short_form_error(time)
     limit = SHORT if last > SHORT else math.nan
     yield Finding.of(Code.BUDGET_METHODS)
     yield Finding.of(Code.BUDGET_INDEPENDENT_SOURCES)
-    yield Finding.of(Code.BUDGET_SHORT_FORMS, time_s=at, limit_s=limit, bias_share=bias, drift_share=drift)
+    yield Finding.of(Code.BUDGET_SHORT_FORMS, time_s=time, limit_s=limit, bias_share=bias, drift_share=drift)
     yield Finding.of(Code.BUDGET_VERTICAL_HELD if budget.hold else Code.BUDGET_VERTICAL_FREE)
     if budget.recorded is None:
         yield Finding.of(Code.BUDGET_TURN_ON_BIASES)
@@ -415,8 +413,8 @@ def assumptions(budget: Budget) -> Iterator[Finding]:
 
 
 def simulated_matches(budget: Budget, simulated: SimulatedColumn) -> bool:
-    """Return whether the squared errors at the chosen times agree with the covariance."""
-    # nine states at each time, whose errors are independent once normalised: 4 sd of their mean
+    """Return whether normalised squared errors of the simulation agree with the covariance at the chosen times."""
+    # The mean of n squared normalised errors has sd sqrt(2 / n): limit 4 sd; n is 9 per run, or 6 if height is held.
     limit = 4.0 * np.sqrt(2.0 / (simulated.runs * (6.0 if budget.hold else 9.0)))
     return bool(np.all(np.abs(simulated.nees[budget.chosen] - 1.0) < limit))
 
@@ -441,8 +439,8 @@ def _light(budget: Budget, windows: RecordedBudget | None) -> tuple[Light, str]:
         names = " and ".join(each.component for each in wrong if each.component != "horizontal") or "horizontal"
         times = number(worst.recorded / worst.predicted, 2) if worst.predicted > 0.0 else "many"
         return "attention", f"recorded errors {names} are not explained: up to {times} times as large as predicted"
-    made = windows.shown.replicas
-    if made is not None and not made.agree:
+    replicas = windows.shown.replicas
+    if replicas is not None and not replicas.agree:
         return "attention", "recorded errors lie outside the band of the simulated replicas"
     less = " and ".join(each.component for each in windows.shown.verdicts if each.cautious)
     if less:
@@ -451,33 +449,33 @@ def _light(budget: Budget, windows: RecordedBudget | None) -> tuple[Light, str]:
 
 
 def headline(budget: Budget) -> str:
-    """Write the horizontal error at the last time, by all methods, and its largest source."""
+    """Write the horizontal error at the last time, by all methods, and its largest source in one sentence."""
     last = budget.chosen[-1]
     beyond = "" if budget.linear else " (beyond the linear model)"
-    both = {"analytic": budget.analytic, "covariance": budget.covariance}
-    ways = [f"{name} {number(float(horizontal(way.total[last])))}{beyond}" for name, way in both.items()]
+    linear_methods = {"analytic": budget.analytic, "covariance": budget.covariance}
+    estimates = [f"{name} {number(float(horizontal(way.total[last])))}{beyond}" for name, way in linear_methods.items()]
     if budget.simulated is not None:
-        ways.append(f"simulated {number(float(horizontal(budget.simulated.total[last])))}")
+        estimates.append(f"simulated {number(float(horizontal(budget.simulated.total[last])))}")
     if budget.recorded is not None:
-        ways.append(f"recorded {recorded_text(budget, len(budget.chosen) - 1)}")
-    whole = number(float(horizontal(budget.valid.total[last])))
+        estimates.append(f"recorded {recorded_text(budget, len(budget.chosen) - 1)}")
+    total = number(float(horizontal(budget.valid.total[last])))
     first = ranked(budget)[0]
     share, name = 100.0 * float(shares(budget)[first]), budget.families[first]
     largest = f"; {share:.0f} % of the variance is {size(budget, name)} of {name}" if share >= 1.0 else ""
-    return f"After {budget.time[last]:g} s without GPS: {whole} m horizontal (1 sd) — {', '.join(ways)}{largest}."
+    return f"After {budget.time[last]:g} s without GPS: {total} m horizontal (1 sd) — {', '.join(estimates)}{largest}."
 
 
 def end_page(
     axes: Sequence[EndAxis], time: float, gravity: float, sd: tuple[float, float], spec: ImuSpec | None
 ) -> Page:
-    """Lay out the explanations of each axis, with the IMU specification if available.
+    """Lay out the causes of the error at the end of a run on each axis, compared with the IMU specification.
 
-    `gravity` [m/s^2]. `sd`: of the reference [m], [m/s].
+    `time`: length of the run [s]. `gravity` [m/s^2]. `sd`: of position [m] and velocity [m/s] of the reference.
     """
     given = _specified(spec)
     rows = []
     for axis in axes:
-        # a velocity, a tilt, a bias, a drift: tilt and bias are the same acceleration
+        # tilt and accelerometer bias cause the same acceleration error: both rows use the same fit
         for term, name, value, deviation, unit, k in (
             ("t", "velocity at the start", axis.alone[0], axis.sd[0], "m/s", 0),
             ("t²", "tilt", axis.alone[1] / gravity, axis.sd[1] / gravity, "mrad", 1),
@@ -506,13 +504,13 @@ def end_page(
 
 
 def _specified(spec: ImuSpec | None) -> dict[str, float]:
-    """Return one standard deviation of each cause by the specification, on the largest axis."""
+    """Return the specified standard deviation of each cause by name, of the largest axis; SI units."""
     if spec is None:
         return {}
-    found = {"accelerometer bias": float(np.max(spec.accel.bias)), "gyro drift": float(np.max(spec.gyro.bias))}
+    sd_of = {"accelerometer bias": float(np.max(spec.accel.bias)), "gyro drift": float(np.max(spec.gyro.bias))}
     if spec.initial is not None:
-        found |= {"tilt": spec.initial.tilt, "velocity at the start": spec.initial.velocity}
-    return found
+        sd_of |= {"tilt": spec.initial.tilt, "velocity at the start": spec.initial.velocity}
+    return sd_of
 
 
 def _end_sentence(axis: EndAxis, gravity: float, given: dict[str, float]) -> str:

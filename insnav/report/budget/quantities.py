@@ -17,12 +17,12 @@ from insnav.report.tables import of_table
 from insnav.types import FloatArray
 from insnav.units import UNITS, shown_unit
 
-_SHOWN = 3  # number of times on the first screen
+_SHOWN = 3  # number of times in the short table and the figures of merit
 _AXES = ("N", "E", "D")
 _RECORDED = ("north", "east", "down", "horizontal")
 _SHORT = {"analytic": "anal.", "covariance": "cov.", "simulated": "sim.", "recorded": "rec.", "filter": "filt."}
 _LONG = {"covariance": "covar.", "simulated": "simul."}
-# other errors by family: unit, number of integrations to position, effect
+# error families without a term in the IMU specification: unit, number of integrations to position, effect
 _OTHERS = {
     "initial position": ("m", 0, "constant"),
     "initial velocity": ("m/s", 1, "grows: v t"),
@@ -36,12 +36,12 @@ _POWERS = {0.0: "stays", 0.5: "t⁰·⁵", 1.0: "t", 1.5: "t¹·⁵", 2.0: "t²"
 
 
 def horizontal(parts: FloatArray) -> FloatArray:
-    """Compute the horizontal position error, the root of N^2 + E^2, of ``(..., 9)`` [m]."""
+    """Compute the horizontal position error, the root of N^2 + E^2 [m], from navigation errors ``(..., 9)``."""
     return np.hypot(parts[..., 0], parts[..., 1])
 
 
 def ranked(budget: Budget) -> list[int]:
-    """Rank families by their final horizontal error, the largest first."""
+    """Rank the error families by their horizontal error at the end; return their indices, the largest first."""
     last = budget.chosen[-1]
     size = horizontal(budget.covariance.parts[last])
     vertical = budget.covariance.parts[last, :, 2]
@@ -49,34 +49,35 @@ def ranked(budget: Budget) -> list[int]:
 
 
 def shares(budget: Budget) -> FloatArray:
-    """Compute the share of each family in the final horizontal error variance, ``(f,)``."""
-    square = horizontal(budget.covariance.parts[budget.chosen[-1]]) ** 2
-    whole = float(square.sum())
-    return np.asarray(square / whole if whole > 0.0 else square)
+    """Compute the share of each error family in the variance of the horizontal error at the end, ``(f,)`` [-]."""
+    variances = horizontal(budget.covariance.parts[budget.chosen[-1]]) ** 2
+    total = float(variances.sum())
+    return np.asarray(variances / total if total > 0.0 else variances)
 
 
 def saved(budget: Budget) -> FloatArray:
-    """Compute the reduction of the final horizontal error by halving each family, ``(f,)`` [m]."""
-    whole = float(horizontal(budget.covariance.total[budget.chosen[-1]]))
-    return np.asarray(whole * (1.0 - np.sqrt(1.0 - 0.75 * shares(budget))))
+    """Compute the reduction of the horizontal error at the end by halving each error family, ``(f,)`` [m]."""
+    total = float(horizontal(budget.covariance.total[budget.chosen[-1]]))
+    # an error of half the size has a quarter of the variance: three quarters of the family's share disappear
+    return np.asarray(total * (1.0 - np.sqrt(1.0 - 0.75 * shares(budget))))
 
 
 def source_texts(budget: Budget, chosen: Sequence[int], origin: str) -> tuple[str, ...]:
-    """Describe size, origin, effect and halving benefit of some families.
+    """Describe size, origin, effect and benefit of halving of the families with indices `chosen`.
 
-    `origin`: of the sizes that do not come from a start covariance.
+    `origin`: origin of the sizes of families that are not part of the covariance at the start.
     """
     last = budget.chosen[-1]
-    whole, less = float(horizontal(budget.covariance.total[last])), saved(budget)
+    total, reduction = float(horizontal(budget.covariance.total[last])), saved(budget)
     texts = []
     for k in chosen:
         name, alone = budget.families[k], float(horizontal(budget.covariance.parts[last, k]))
         joint = any(source.joint and source.sd > 0.0 for source in budget.sources if source.family == name)
-        where = "covariance of the filter at the start of the window" if joint else origin
+        basis = "covariance of the filter at the start of the window" if joint else origin
         texts.append(
-            f"{name}: {size(budget, name)} (1 sd; {where}). Alone {number(alone)} m after {budget.time[last]:g} s, "
+            f"{name}: {size(budget, name)} (1 sd; {basis}). Alone {number(alone)} m after {budget.time[last]:g} s, "
             f"{100.0 * shares(budget)[k]:.1f} % of the variance; position error grows with {growth(budget, name)}: "
-            f"{effect(name)}. Half of it: {number(whole)} -> {number(whole - float(less[k]))} m."
+            f"{effect(name)}. Half of it: {number(total)} -> {number(total - float(reduction[k]))} m."
         )
     return tuple(texts)
 
@@ -87,57 +88,57 @@ def effect(family: str) -> str:
 
 
 def extent(budget: Budget, family: str) -> tuple[float, float, str]:
-    """Return least and largest axis of a family in its display unit, and that unit."""
+    """Return the sizes of a family's smallest and largest axis in its display unit, and this unit."""
     values = [source.sd for source in budget.sources if source.family == family and source.sd > 0.0]
     unit = _OTHERS[family][0] if family in _OTHERS else term_of(family).unit
-    unit = {"ug": "mg", "mrad": "deg"}.get(unit, unit)  # as the IMU error specification on the same page
+    unit = {"ug": "mg", "mrad": "deg"}.get(unit, unit)  # the page shows the IMU error specification in these units
     return min(values) / UNITS[unit][1], max(values) / UNITS[unit][1], unit
 
 
 def size(budget: Budget, family: str) -> str:
-    """Write the size of a family in its display unit, as a range if axes differ."""
+    """Write the size of an error family in its display unit, as a range if its axes differ."""
     *ends, unit = extent(budget, family)
     shown = dict.fromkeys(f"{float(f'{value:.3g}'):g}" for value in ends)
     return f"{' to '.join(shown)} {shown_unit(unit)}"
 
 
 def growth(budget: Budget, family: str) -> str:
-    """Return the power of time of a family's position error, at rest over minutes."""
+    """Return the power of time with which a family's position error grows over minutes, for a stationary vehicle."""
     source = next(each for each in budget.sources if each.family == family)
     if source.group == "timing":
         return "motion"
     order = _OTHERS[family][1] if family in _OTHERS else term_of(family).integrals
-    more = {"ramp": 1.0, "white": -0.5, "random walk": 0.5, "quantisation": -1.5}.get(source.kind, 0.0)
-    return _POWERS[order + more]
+    by_process = {"ramp": 1.0, "white": -0.5, "random walk": 0.5, "quantisation": -1.5}.get(source.kind, 0.0)
+    return _POWERS[order + by_process]
 
 
 def shown_times(budget: Budget) -> list[int]:
-    """Select the times of the first screen: first, last, and one between."""
+    """Select at most three of the chosen times of a budget: indices of first, middle and last."""
     count = len(budget.chosen)
     return list(dict.fromkeys(np.linspace(0, count - 1, min(count, _SHOWN)).round().astype(int).tolist()))
 
 
 def recorded_text(budget: Budget, row: int) -> str:
-    """Write the recorded RMS at a chosen time with its interval."""
-    found = budget.recorded
-    assert found is not None
-    at = np.flatnonzero(np.abs(found.time - budget.time[budget.chosen[row]]) < 1e-3)
-    if not at.size:
+    """Write the recorded horizontal RMS error with its interval. `row`: index of the time in ``budget.chosen``."""
+    recorded = budget.recorded
+    assert recorded is not None
+    match = np.flatnonzero(np.abs(recorded.time - budget.time[budget.chosen[row]]) < 1e-3)
+    if not match.size:
         return "–"
-    value, low, high = (float(each[at[0], 3]) for each in (found.corrected, found.low, found.high))
+    value, low, high = (float(each[match[0], 3]) for each in (recorded.corrected, recorded.low, recorded.high))
     if not np.isfinite(value):
         return below_noise(high) if np.isfinite(high) else BELOW
     return number(value) + (f" ({number(low)} … {number(high)})" if np.isfinite(low) else "")
 
 
 def _ways(budget: Budget) -> dict[str, Column | SimulatedColumn]:
-    """Return the estimates by method name."""
+    """Return the predicted errors by method: analytic, covariance, and simulated if available."""
     ways: dict[str, Column | SimulatedColumn] = {"analytic": budget.analytic, "covariance": budget.covariance}
     return ways if budget.simulated is None else ways | {"simulated": budget.simulated}
 
 
 def budget_sections(budget: Budget) -> tuple[Section, ...]:
-    """Build all budget quantities for JSON: subject, sources, errors at the chosen times."""
+    """Build all quantities of a budget for JSON: subject, sources, errors at the chosen times, recorded errors."""
     last = float(budget.time[budget.chosen[-1]])
     bias, drift = budget.short_form_error(last)
     short = of_table("budget.short_form_error", time=last, bias_and_tilt=bias, gyro_bias=drift)
@@ -177,7 +178,7 @@ def _recorded(recorded: RecordedColumn | None) -> Section:
 
 
 def _at_time(budget: Budget, k: int) -> Section:
-    ways = _ways(budget)
+    methods = _ways(budget)
     more: dict[str, tuple[Quantity, ...]] = {
         "covariance": (
             Quantity("worst_position", budget.worst[k, :3], "m"),
@@ -192,7 +193,7 @@ def _at_time(budget: Budget, k: int) -> Section:
             items=(*_states(way.total[k]), *more.get(name, ())),
             parts=(one_each("sources", "", dict(zip(budget.families, map(_states, way.parts[k]), strict=True))),),
         )
-        for name, way in ways.items()
+        for name, way in methods.items()
     )
     return only_json("budget[]", Quantity("time", float(budget.time[k]), "s"), parts=tuple(parts))
 
@@ -204,14 +205,14 @@ def _states(sd: FloatArray) -> tuple[Quantity, ...]:
 
 
 def positions_section(budget: Budget) -> Section:
-    """Tabulate position errors at the chosen times, with columns grouped by method."""
+    """Tabulate North, East, Down errors at the chosen times, with columns grouped by method."""
     at, recorded = budget.chosen, budget.recorded
     names, note = _LONG, "1 sd; worst: sum of all sources"
-    groups = {name: way.total[at, :3] for name, way in _ways(budget).items()}
+    errors_by = {name: way.total[at, :3] for name, way in _ways(budget).items()}
     if recorded is None:
-        groups["worst"] = budget.worst[at, :3]
+        errors_by["worst"] = budget.worst[at, :3]
     else:
-        groups |= {
+        errors_by |= {
             "recorded": _at(recorded.time, recorded.corrected[:, :3], budget.time[at]),
             "filter": _at(recorded.time, recorded.predicted[:, :3], budget.time[at]),
         }
@@ -219,24 +220,24 @@ def positions_section(budget: Budget) -> Section:
         note = "1 sd: analytic, covariance, simulated; RMS recorded, corrected; predicted by the filter for all windows"
     rows = []
     for row, k in enumerate(at):
-        sizes = {name: dict(zip(_AXES, map(float, values[row]), strict=True)) for name, values in groups.items()}
+        sizes = {name: dict(zip(_AXES, map(float, values[row]), strict=True)) for name, values in errors_by.items()}
         cells = (Quantity(name, value, meaning=names.get(name, name)) for name, value in sizes.items())
         rows.append((Quantity("time", f"{budget.time[k]:g}", "s"), *cells))
     return Section("", "Position error North, East, Down [m]", rows=tuple(rows), note=note, folded=True)
 
 
 def _at(time: FloatArray, values: FloatArray, wanted: FloatArray) -> FloatArray:
-    """Select rows of values at some times, NaN if missing."""
-    found = np.full((len(wanted), values.shape[1]), np.nan)
+    """Select the rows of values (n, k) at the times `wanted` (m,) from the times (n,); NaN at other times."""
+    selected = np.full((len(wanted), values.shape[1]), np.nan)
     for row, moment in enumerate(wanted):
         match = np.flatnonzero(np.abs(time - moment) < 1e-3)
         if match.size:
-            found[row] = values[match[0]]
-    return found
+            selected[row] = values[match[0]]
+    return selected
 
 
 def contributions_rows(budget: Budget) -> list[tuple[Quantity, ...]]:
-    """List the contribution of each family to the error at the last time, the largest first."""
+    """List the contribution of each error family to the error at the last time as table rows, largest first."""
     last, part, gain, ways = budget.chosen[-1], shares(budget), saved(budget), _ways(budget)
     rows = []
     for k in ranked(budget):
@@ -249,11 +250,11 @@ def contributions_rows(budget: Budget) -> list[tuple[Quantity, ...]]:
 
 
 def contributions_section(budget: Budget) -> Section:
-    """Tabulate the contributions of the families, and their sums."""
-    last, ways = budget.chosen[-1], _ways(budget)
-    together = {name: float(horizontal(way.total[last])) for name, way in ways.items()}
+    """Tabulate the contributions of the error families to the horizontal error, their RSS, and the worst-case sum."""
+    last, methods = budget.chosen[-1], _ways(budget)
+    rss = {name: float(horizontal(way.total[last])) for name, way in methods.items()}
     sums = (
-        ("together (RSS)", together, budget.valid.total[last, 2]),
+        ("together (RSS)", rss, budget.valid.total[last, 2]),
         ("worst-case sum", {"covariance": float(budget.worst[last, 3])}, budget.worst[last, 2]),
     )
     rows = []
@@ -265,7 +266,7 @@ def contributions_section(budget: Budget) -> Section:
 
 
 def axes_section(budget: Budget, how: str) -> Section:
-    """Tabulate the contributions along each axis by the closed laws, and their sum: ``rss``, or ``worst``."""
+    """Tabulate the analytic contributions along each axis, and their sum. `how` {"rss", "worst"}: kind of sum."""
     parts = budget.analytic.parts[budget.chosen[-1], ranked(budget), :3]
     names = [budget.families[k] for k in ranked(budget)]
     total, name = (
@@ -287,7 +288,7 @@ def axes_section(budget: Budget, how: str) -> Section:
 
 
 def states_section(budget: Budget) -> Section:
-    """Tabulate velocity and attitude by family."""
+    """Tabulate velocity and attitude errors at the last time by error family, and their RSS, by the covariance."""
     last, whole = budget.chosen[-1], budget.covariance
     units = {"v N": "m/s", "v E": "m/s", "v D": "m/s", "tilt N": "deg", "tilt E": "deg", "heading": "deg"}
     sizes = {budget.families[k]: whole.parts[last, k] for k in ranked(budget)} | {"together (RSS)": whole.total[last]}
@@ -303,14 +304,14 @@ def states_section(budget: Budget) -> Section:
 
 
 def impact_section(budget: Budget) -> Section:
-    """Describe the impact of the families."""
+    """Tabulate the impact of each error family on navigation, in words."""
     families = [budget.families[k] for k in ranked(budget)]
     rows = tuple((Quantity("source", each), Quantity("impact", effect(each))) for each in families)
     return Section("", "Impact of the sources", rows=rows, show="page", folded=True)
 
 
 def estimates_section(budget: Budget) -> Section:
-    """Tabulate the horizontal error by all four methods, with intervals, at a few times."""
+    """Tabulate the horizontal error by all methods, with 95 % intervals, at a few times."""
     rows = []
     for row in shown_times(budget):
         k = budget.chosen[row]
@@ -338,22 +339,22 @@ def estimates_section(budget: Budget) -> Section:
 
 
 def merits(budget: Budget, windows: RecordedBudget | None) -> tuple[Quantity, ...]:
-    """Return the figures of merit."""
-    found = []
+    """Return the figures of merit: errors at a few times; then recorded over predicted error, or worst-case sum."""
+    quantities = []
     for k in (budget.chosen[row] for row in shown_times(budget)):
         value, text = float(horizontal(budget.valid.total[k])), f"horizontal after {budget.time[k]:g} s"
-        found.append(Quantity(f"after_{budget.time[k]:g}_s", value, "m", meaning=text))
+        quantities.append(Quantity(f"after_{budget.time[k]:g}_s", value, "m", meaning=text))
     last = budget.chosen[-1]
     if not budget.hold:
-        found.append(Quantity("down", float(budget.valid.total[last, 2]), "m", meaning="down at the end"))
+        quantities.append(Quantity("down", float(budget.valid.total[last, 2]), "m", meaning="down at the end"))
     if windows is None:
-        return (*found, Quantity("worst", float(budget.worst[last, 3]), "m", meaning="worst-case sum, horizontal"))
+        return (*quantities, Quantity("worst", float(budget.worst[last, 3]), "m", meaning="worst-case sum, horizontal"))
     part, count = windows.shown, windows.shown.windows.count
     i = part.growth.column("horizontal")
-    value, by = float(part.growth.corrected[-1, i]), float(part.growth.predicted[-1, i])
-    ratio = value / by if np.isfinite(value) and by > 0.0 else None
+    value, predicted = float(part.growth.corrected[-1, i]), float(part.growth.predicted[-1, i])
+    ratio = value / predicted if np.isfinite(value) and predicted > 0.0 else None
     return (
-        *found,
+        *quantities,
         Quantity("recorded_ratio", ratio, meaning="recorded / predicted by the filter, horizontal"),
         Quantity("inside_3_sd", f"{100.0 * part.growth.inside_at_end:.0f} %", meaning=f"inside 3 sd, {count} windows"),
     )

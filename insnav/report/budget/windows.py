@@ -1,4 +1,4 @@
-"""Recorded windows of an error budget: sentences, warnings, quantities for page and ``run.json``."""
+"""Report of the recorded outage windows of an error budget: sentences, warnings, tables for page and ``run.json``."""
 
 from __future__ import annotations
 
@@ -23,11 +23,11 @@ CALIBRATED, UNCALIBRATED = "calibrated", "uncalibrated"
 CAUSE_UNITS = {"velocity": "mm/s", "acceleration": "mg", "drift": "deg/h"}
 GROWS = {"velocity": "t", "acceleration": "t²", "drift": "t³"}
 _MRAD = 1e-3
-_ENOUGH_REPLICAS = 10  # fewest replicas for a conclusive band
+_ENOUGH_REPLICAS = 10  # smallest number of simulated replicas for a conclusive band
 
 
 def windows_sentences(budget: RecordedBudget) -> tuple[str, ...]:
-    """Summarise the result: explained errors, their causes, and agreement with the simulated replicas."""
+    """Summarise the recorded windows in sentences: explained errors, causes, agreement with simulated replicas."""
     lines = []
     for kind, part in parts_of(budget):
         windows = part.windows
@@ -45,25 +45,25 @@ def windows_sentences(budget: RecordedBudget) -> tuple[str, ...]:
 
 
 def windows_warnings(budget: RecordedBudget) -> tuple[Finding, ...]:
-    """Return warnings."""
-    found = [each for each in budget.notes if each.severity is Severity.UNUSABLE]
-    found += of_code(budget.notes, Code.BUDGET_SMOOTHED_START)
+    """Return warnings: unusable windows, smoothed start, unexplained errors, errors outside the replica band."""
+    issues = [each for each in budget.notes if each.severity is Severity.UNUSABLE]
+    issues += of_code(budget.notes, Code.BUDGET_SMOOTHED_START)
     for kind, part in parts_of(budget):
-        wrong = [each for each in part.verdicts if not each.explained]
-        if wrong:
-            names = tuple(each.component for each in wrong)
-            largest, length = max(each.recorded for each in wrong), part.windows.length
+        unexplained_parts = [each for each in part.verdicts if not each.explained]
+        if unexplained_parts:
+            names = tuple(each.component for each in unexplained_parts)
+            largest, length = max(each.recorded for each in unexplained_parts), part.windows.length
             unexplained = Code.BUDGET_UNEXPLAINED
-            found.append(Finding.of(unexplained, subject=kind, recorded_m=largest, length_s=length, components=names))
+            issues.append(Finding.of(unexplained, subject=kind, recorded_m=largest, length_s=length, components=names))
         if part.replicas is not None and not part.replicas.agree:
             count = len(part.replicas.rms)
-            found.append(Finding.of(Code.BUDGET_OUTSIDE_REPLICAS, subject=kind, replicas=count))
-    made = budget.calibrated.replicas
-    return (*found, *(() if made is None else made.apart.doubts))
+            issues.append(Finding.of(Code.BUDGET_OUTSIDE_REPLICAS, subject=kind, replicas=count))
+    replicas = budget.calibrated.replicas
+    return (*issues, *(() if replicas is None else replicas.apart.doubts))
 
 
 def windows_assumptions(budget: RecordedBudget) -> tuple[Finding, ...]:
-    """Return assumptions."""
+    """Return findings on the assumptions of the evaluation of recorded windows."""
     return (
         Finding.of(Code.WINDOWS_START, state="filtered" if budget.settings.start == "forward" else "smoothed"),
         Finding.of(Code.WINDOWS_REFERENCE, reference=budget.reference),
@@ -74,37 +74,37 @@ def windows_assumptions(budget: RecordedBudget) -> tuple[Finding, ...]:
 
 
 def _verdict(each: Verdict, length: float) -> str:
-    words = "explained" if each.explained else "unexplained"
+    verdict = "explained" if each.explained else "unexplained"
     if each.cautious:
-        words += "; less than predicted: the stated errors are cautious"
+        verdict += "; less than predicted: the stated errors are cautious"
     elif not each.explained and each.predicted > 0.0:
-        words += f", {number(each.recorded / each.predicted, 2)} times as large"
+        verdict += f", {number(each.recorded / each.predicted, 2)} times as large"
     return (
         f"{each.component.capitalize()} after {length:g} s: recorded "
         f"{corrected_text(each.recorded, each.low, each.high)}, predicted {number(each.predicted)} m by the filter for "
-        f"all windows: {words}."
+        f"all windows: {verdict}."
     )
 
 
 def _diagnosed(axis: AxisDiagnosis, diagnosis: Diagnosis) -> str:
-    """Describe an axis, such as: east error is t²: 0.42 mrad of tilt or 0.41 mg of bias."""
+    """Describe the main cause of the error on an axis: "East error is t² (80 %): 0.42 mrad of tilt or ..."."""
     name, cause = CAUSES[axis.leading], axis.causes[axis.leading]
     unit = CAUSE_UNITS[name]
     if cause.rms == 0.0:
         return f"{axis.axis.capitalize()} error is within sensor noise and reference error: no curve stands out."
     value = number(cause.rms / UNITS[unit][1])
-    what = {
+    equivalent = {
         "velocity": f"{value} {unit} of velocity at the start",
         "acceleration": f"{number(cause.rms / diagnosis.gravity / _MRAD)} mrad of tilt or {value} {unit} of bias",
         "drift": f"{value} {unit} of drift about the {'east' if axis.axis == 'north' else 'north'} axis",
     }[name]
-    line = f"{axis.axis.capitalize()} error is {GROWS[name]} ({100.0 * cause.share:.0f} %): {what}, RMS"
+    text = f"{axis.axis.capitalize()} error is {GROWS[name]} ({100.0 * cause.share:.0f} %): {equivalent}, RMS"
     if not diagnosis.steady:
-        return f"{line}, over windows with turns, in which no curve is pure."
-    line += f"; filter sd {number(cause.filter_sd / UNITS[unit][1])} {unit}: {explained_text(cause)}"
+        return f"{text}, over windows with turns, in which no curve is pure."
+    text += f"; filter sd {number(cause.filter_sd / UNITS[unit][1])} {unit}: {explained_text(cause)}"
     if name == "acceleration":
-        line += "; in a straight window only the sum of bias and tilt is observable"
-    return f"{line}."
+        text += "; in a straight window only the sum of bias and tilt is observable"
+    return f"{text}."
 
 
 def _against_replicas(made: Replicas) -> str:
@@ -135,20 +135,20 @@ def _against_replicas(made: Replicas) -> str:
 
 
 def parts_of(budget: RecordedBudget) -> list[tuple[str, RecordedPart]]:
-    """Return windows of both kinds with names; uncalibrated windows only if requested."""
+    """Return the names and results of calibrated windows, and of uncalibrated windows if they were requested."""
     parts = [(CALIBRATED, budget.calibrated)]
     return parts if budget.uncalibrated is None else [*parts, (UNCALIBRATED, budget.uncalibrated)]
 
 
 def windows_sections(budget: RecordedBudget) -> tuple[Section, ...]:
-    """Build the quantities and tables of all windows."""
+    """Build the quantities and tables of calibrated and uncalibrated windows."""
     independent, notes = budget.settings.start == "forward", tuple(map(sentence, budget.notes))
-    about = (
+    settings = (
         *of_table("budget.recorded_windows", budget, independent=independent, notes=notes),
         *((Quantity(UNCALIBRATED, None),) if budget.uncalibrated is None else ()),
     )
     parts = tuple(Section(kind, parts=_sections(kind, part)) for kind, part in parts_of(budget))
-    return (Section("recorded_windows", parts=(only_json("", *about), *parts)),)
+    return (Section("recorded_windows", parts=(only_json("", *settings), *parts)),)
 
 
 def _sections(kind: str, part: RecordedPart) -> tuple[Section, ...]:
@@ -172,7 +172,7 @@ def _sections(kind: str, part: RecordedPart) -> tuple[Section, ...]:
 
 
 def _by_component(table: str, found: object) -> Iterator[Quantity]:
-    """Build the quantities of a table with a value for every component."""
+    """Build the quantities of a table from values per component, such as north; each becomes a mapping by name."""
     for each in of_table(table, found):
         yield replace(each, value=dict(zip(COMPONENTS, np.asarray(each.value).T, strict=False)))
 
@@ -183,7 +183,7 @@ def _growth(found: Growth) -> tuple[Quantity, ...]:
 
 
 def _components(found: Growth) -> list[tuple[int, str]]:
-    """Select known components; at rest, along and across are undefined."""
+    """Return column and name of each component with a known error; along and cross are unknown when stationary."""
     return [(i, name) for i, name in enumerate(COMPONENTS) if np.isfinite(found.rms[:, i]).any()]
 
 
@@ -193,43 +193,43 @@ def _over_time(kind: str, found: Growth) -> Section:
         (Quantity("error", name), *(Quantity(f"{t:g} s", figures[k, i]) for k, t in enumerate(found.times)))
         for i, name in _components(found)
     )
-    known = ", ".join(map(str, found.known[:, found.column("horizontal")]))
-    note = f"errors of the reference in all three; windows: {known}"
+    counts = ", ".join(map(str, found.known[:, found.column("horizontal")]))
+    note = f"errors of the reference in all three; windows: {counts}"
     return Section("", f"Recorded error, {kind}: RMS, 95 %, largest [m]", rows=rows, note=note)
 
 
 def _rms(found: Growth, i: int) -> tuple[Quantity, ...]:
-    """Build RMS as measured and without the reference, with interval, and prediction, at the end of the windows."""
+    """Build RMS error, reference sd, RMS without reference variance, and predicted sd of component `i` at the end."""
     size, reference, predicted = (float(each[-1, i]) for each in (found.rms, found.reference, found.predicted))
     first, second, last = of_table("budget.rms", rms=size, reference=reference, predicted=predicted)
     return first, second, corrected(found, i), last
 
 
 def _at_end(kind: str, part: RecordedPart) -> Section:
-    found, rows = part.growth, []
-    for i, name in _components(found):
-        rms, predicted = float(found.corrected[-1, i]), float(found.predicted[-1, i])
+    growth, rows = part.growth, []
+    for i, name in _components(growth):
+        rms, predicted = float(growth.corrected[-1, i]), float(growth.predicted[-1, i])
         row = [
             Quantity("error", name),
-            *_rms(found, i),
+            *_rms(growth, i),
             Quantity("ratio", rms / predicted if predicted > 0.0 else None, meaning="corrected / predicted"),
-            Quantity("inside", f"{100.0 * found.inside[-1, i]:.0f} %", meaning="inside 3 sd"),
+            Quantity("inside", f"{100.0 * growth.inside[-1, i]:.0f} %", meaning="inside 3 sd"),
         ]
         if part.replicas is not None:
             low, high = (float(each[-1, i]) for each in part.replicas.band)
             row.append(Quantity("band", interval_text(low, high), "m", meaning="simulated replicas, 95 % band"))
         rows.append(tuple(row))
-    title = f"Recorded and predicted error after {found.times[-1]:g} s, {kind}"
+    title = f"Recorded and predicted error after {growth.times[-1]:g} s, {kind}"
     return Section("", title, rows=tuple(rows), note=regression_text(part))
 
 
 def interval_text(low: float, high: float) -> str:
-    """Write an interval."""
+    """Write an interval, or "too few windows" if an end is unknown."""
     return f"{number(low)} … {number(high)}" if np.isfinite(low) and np.isfinite(high) else "too few windows"
 
 
 def regression_text(part: RecordedPart) -> str:
-    """Compare recorded and predicted errors over all times in a sentence."""
+    """Write a sentence with the slope of recorded over predicted errors at all times, and its interval."""
     line = part.regression
     times = f"{number(line.slope)} times predicted ({interval_text(line.low, line.high)})"
     return f"Over all times recorded errors are {times}, R² {line.r_squared:.2f}."
@@ -238,18 +238,18 @@ def regression_text(part: RecordedPart) -> str:
 def _by_motion(kind: str, part: RecordedPart) -> Section:
     i = COMPONENTS.index("horizontal")
     rows = []
-    for name, found in part.motions.items():
-        if found is not None:
-            *about, largest = of_table("budget.motion", found, windows=name, largest=float(found.largest[-1, i]))
-            rows.append((*about, *_rms(found, i), largest))
+    for name, growth in part.motions.items():
+        if growth is not None:
+            *about, largest = of_table("budget.motion", growth, windows=name, largest=float(growth.largest[-1, i]))
+            rows.append((*about, *_rms(growth, i), largest))
     title = f"By motion, horizontal error after {part.growth.times[-1]:g} s, {kind}"
     note = "turning: heading changes by more than 15 deg; static: below 0.5 m/s throughout"
     return Section("", title, rows=tuple(rows), note=note)
 
 
 def _causes(kind: str, diagnosis: Diagnosis) -> Section:
-    about = of_table("budget.diagnosis", diagnosis)
-    which = "windows at rest or straight" if diagnosis.steady else "windows, turns included"
+    summary = of_table("budget.diagnosis", diagnosis)
+    motion = "windows at rest or straight" if diagnosis.steady else "windows, turns included"
     note = (
         "1 mg of acceleration is the effect of 1 mrad of tilt; in a straight window only their sum is observable"
         if diagnosis.steady
@@ -267,9 +267,9 @@ def _causes(kind: str, diagnosis: Diagnosis) -> Section:
         for axis in diagnosis.axes
         for name, cause in zip(CAUSES, axis.causes, strict=True)
     )
-    title = f"Equivalent errors of {diagnosis.windows.count} {which}, {kind}"
+    title = f"Equivalent errors of {diagnosis.windows.count} {motion}, {kind}"
     table = Section("", title, rows=rows, note=note)
-    return Section("diagnosis", parts=(only_json("", *about), *axes, table))
+    return Section("diagnosis", parts=(only_json("", *summary), *axes, table))
 
 
 def _axis(axis: AxisDiagnosis) -> tuple[Section, ...]:
@@ -287,7 +287,7 @@ def _cause(name: str, cause: Cause) -> tuple[Quantity, ...]:
 
 
 def explained_text(cause: Cause) -> str:
-    """Return whether a cause is explained, in words."""
+    """Write whether the predicted sd explains a cause; if not, also by which factor the cause exceeds it."""
     return "explained" if cause.explained else f"unexplained, {number(float(np.sqrt(cause.ratio)), 2)} times"
 
 
@@ -300,9 +300,9 @@ def _sensors(kind: str, fit: SensorFit) -> Section:
     if fit.spread > 2.0:
         note += f"; misfit {number(float(np.sqrt(fit.spread)), 2)} times the expectation by noise and filter"
     items = of_table("budget.sensors", fit)
-    more = (Quantity("misfit", fit.spread), Quantity("bias_observable_from_tilt", fit.level_observable))
+    in_json = (Quantity("misfit", fit.spread), Quantity("bias_observable_from_tilt", fit.level_observable))
     title = f"Constant sensor errors left in the windows, {kind}"
-    return Section("sensors", title, items, parts=(only_json("", *more),), note=note)
+    return Section("sensors", title, items, parts=(only_json("", *in_json),), note=note)
 
 
 def _replicas(made: Replicas | None) -> Section:

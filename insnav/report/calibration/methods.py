@@ -1,4 +1,4 @@
-"""Common parts of calibration pages (fits, residuals, impact on navigation); single axes, rate sweeps and rotors."""
+"""Parts that calibration pages share, such as fits and residuals; pages of single axes, rate sweeps and rotors."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ from insnav.units import DEG, G0
 
 
 def quality_section(*sets: tuple[Mapping[str, Fit], str, Mapping[str, Sequence[str]]], factor: float = 1.0) -> Section:
-    """Tabulate the quality of each fit: scatter, worst residual, condition; fits, their unit and settings."""
+    """Tabulate scatter, worst residual and condition of fits. `sets`: fits by sensor, unit, settings in words."""
     rows = []
     for fits, unit, settings in sets:
         for name, fit in fits.items():
@@ -40,7 +40,7 @@ def quality_section(*sets: tuple[Mapping[str, Fit], str, Mapping[str, Sequence[s
 
 
 def impact_section(calibration: Calibration[Any, Any], note: str = "") -> Section:
-    """Tabulate the position error in a minute of navigation without and with the calibration."""
+    """Tabulate the position error after a minute of navigation, without and with the calibration."""
     rows = tuple(
         of_table("calibration.impact", item, ratio=item.without / item.corrected if item.corrected > 0.0 else None)
         for item in calibration.impact
@@ -49,7 +49,7 @@ def impact_section(calibration: Calibration[Any, Any], note: str = "") -> Sectio
         "Simulated horizontal position error after 60 s, RMS. True errors are sampled about the calibrated ones by "
         "their uncertainty. No other errors, exact initial state, constant height. "
     )
-    # without calibration, if the output is in volts or counts
+    # For raw output in volts or counts, the note defines the errors without calibration.
     errors, sd = calibration.errors or ImuErrors(), calibration.sd
     raw = (errors.gyro_raw and sd.gyro_bias.any()) or (errors.accel_raw and sd.accel_bias.any())
     note = note or "Without: zero output taken as 0, scale factor known." * bool(raw)
@@ -57,7 +57,7 @@ def impact_section(calibration: Calibration[Any, Any], note: str = "") -> Sectio
 
 
 def corrected_section(calibration: Calibration[Any, Any]) -> Section:
-    """Tabulate the uncertainty of corrected rates and specific forces by the calibration."""
+    """Tabulate the sd of corrected rates and specific forces that results from the uncertainty of the calibration."""
     errors, spread = calibration.sensed or calibration.errors or ImuErrors(), calibration.sd
     still, diagonal, g = np.zeros((1, 3)), np.full((1, 3), 1.0 / np.sqrt(3.0)), np.array([[0.0, 0.0, -G0]])
     at_rest, up = spread.corrected(errors, still, g)
@@ -69,49 +69,48 @@ def corrected_section(calibration: Calibration[Any, Any]) -> Section:
     ]
     rows = tuple(
         (
-            Quantity("case", what),
+            Quantity("case", motion),
             *(Quantity(f"sd_{axis}", float(sd[0, k]), unit, digits=2) for k, axis in enumerate("xyz")),
         )
-        for what, sd, unit in cases
+        for motion, sd, unit in cases
         if np.any(sd)
     )
     return of_section("calibration.corrected", rows)
 
 
 def bench_input(tables: Sequence[BenchTable | BenchFile]) -> Any:
-    """Return the bench files, for ``run.json``."""
+    """Return name, checksum and units of each bench file, for ``run.json``."""
     return [{"path": table.name, "sha256": table.sha256, "units": dict(table.units)} for table in tables]
 
 
 @dataclass(frozen=True, slots=True)
 class Series:
-    """Points of one panel."""
+    """Settings, residuals and outputs of one sensor, to be drawn in panels."""
 
-    name: str  # of the sensor
-    unit: str
-    # (n,) settings, and deviations from the model
-    setting: FloatArray
-    residual: FloatArray
-    used: BoolArray  # (n,) used in the fit; unused points are drawn as crosses
-    sd: float = 0.0  # standard deviation drawn as a band; zero: none
-    output: FloatArray | None = None  # (n,) drawn above with the fitted model
+    name: str  # name of the sensor
+    unit: str  # unit of residuals and outputs
+    setting: FloatArray  # (n,) settings of the bench, such as rates
+    residual: FloatArray  # (n,) output minus fitted model
+    used: BoolArray  # (n,) true if the fit uses the point
+    sd: float = 0.0  # standard deviation, drawn as a band in the panel of residuals; zero: no band
+    output: FloatArray | None = None  # (n,) outputs, drawn in a further panel with the fitted model; None: no panel
 
     @classmethod
     def of(cls, name: str, unit: str, table: RateTable) -> Series:
-        """Build the series of outputs minus the line of a rate table; output in `unit`."""
+        """Build the series of a sensor from its rate table test, with residuals from the fitted line."""
         zero, slope = table.fit.value[:2]
         residual = table.output - (zero + slope * table.rate)
         return cls(name, unit, table.rate, residual, table.used, table.fit.sigma, table.output)
 
     def points(self, values: FloatArray, colour: str) -> list[Curve]:
-        """Draw values of the points, those left out as crosses."""
-        rest = ~self.used
-        left_out = [Curve("left out", self.setting[rest], values[rest], BLACK, "crosses")] if rest.any() else []
-        return [Curve("used", self.setting[self.used], values[self.used], colour, "points"), *left_out]
+        """Draw values (n,) over the settings; crosses are points that the fit does not use."""
+        unused = ~self.used
+        crosses = [Curve("left out", self.setting[unused], values[unused], BLACK, "crosses")] if unused.any() else []
+        return [Curve("used", self.setting[self.used], values[self.used], colour, "points"), *crosses]
 
 
 def residual_panels(series: Iterable[Series], setting: str, key: str = "residuals") -> Iterator[Panel]:
-    """Draw outputs with the fitted model, and residuals, over the settings; unused points may exceed the limits."""
+    """Draw output with fitted model, and residuals, over the settings; axis limits ignore points unused in the fit."""
     for row, item in enumerate(series):
         order = np.argsort(item.setting)
         colour, ends = AXIS_COLOURS[row % 3], np.array([item.setting.min(), item.setting.max()])
@@ -129,7 +128,7 @@ def residual_panels(series: Iterable[Series], setting: str, key: str = "residual
 
 
 def gyro_page(calibration: Calibration[tuple[Record, ...], tuple[RateTable, ...]]) -> Page:
-    """Report gyros on a rate table."""
+    """Lay out the calibration of gyros on a rate table."""
     found, fits = dict(zip(calibration.fits, calibration.detail, strict=True)), calibration.fits
     unit = calibration.record[0].unit
     settings = {name: [f"{rate:+g} deg/s" for rate in item.rate[item.used]] for name, item in found.items()}
@@ -162,12 +161,12 @@ def gyro_page(calibration: Calibration[tuple[Record, ...], tuple[RateTable, ...]
 
 
 def accel_page(calibration: Calibration[Any, Any]) -> Page:
-    """Report accelerometers tumbled in gravity, or in the positions of a triad."""
+    """Lay out the calibration of accelerometers: single ones tumbled in gravity, or a triad in known positions."""
     return (_positions_page if isinstance(calibration.record[0], Positions) else _tumble_page)(calibration)
 
 
 def _positions_page(calibration: Calibration[tuple[Positions], tuple[Fit, ...]]) -> Page:
-    """Report a triad of accelerometers in known positions."""
+    """Lay out the calibration of an accelerometer triad in known positions."""
     (record,), fits = calibration.record, calibration.fits
     places = [", ".join(f"{axis} {f:+.2f}" for axis, f in zip("xyz", row, strict=True)) for row in record.force / G0]
     unit = record.unit if record.raw else "m/s^2"
@@ -186,7 +185,7 @@ def _positions_page(calibration: Calibration[tuple[Positions], tuple[Fit, ...]])
 
 
 def _tumble_page(calibration: Calibration[tuple[Record, ...], tuple[Tumble, ...]]) -> Page:
-    """Report accelerometers tumbled in gravity."""
+    """Lay out the calibration of single accelerometers tumbled in gravity."""
     found, fits = dict(zip(calibration.fits, calibration.detail, strict=True)), calibration.fits
     unit, gravity = calibration.record[0].unit, calibration.options.gravity
     settings = {name: [f"{angle / DEG:.4g} deg" for angle in item.angle] for name, item in found.items()}
@@ -213,7 +212,7 @@ def _tumble_page(calibration: Calibration[tuple[Record, ...], tuple[Tumble, ...]
 
 
 def _harmonics(found: dict[str, Tumble], unit: str) -> tuple[Section, Section]:
-    """Tabulate Fourier coefficients of each sensor, and the derived model."""
+    """Tabulate the Fourier coefficients of each sensor's output over the angle, and the model derived from these."""
     rows, models = [], []
     for name, item in found.items():
         series = harmonics(item.angle, item.output)
@@ -237,15 +236,15 @@ def _summary(items: Sequence[Quantity], sensors: int) -> tuple[str, ...]:
     """Describe the parameters, one line per sensor."""
     texts = []
     for p in items:
-        value = p.scaled(p.value)  # in four digits, or four decimals as usual in publications
+        value = p.scaled(p.value)  # with four decimals, as usual in publications, or else four significant digits
         short = number(value, 4) if abs(value) < 0.1 or abs(value) >= 1000.0 else f"{value:.4f}"
         texts.append(f"{p.label} {short} ± {number(p.scaled(p.sd), 2)} {p.shown_unit}")
-    own = len(texts) // sensors
-    return tuple("; ".join(texts[i : i + own]) for i in range(0, len(texts), own))
+    per_sensor = len(texts) // sensors
+    return tuple("; ".join(texts[i : i + per_sensor]) for i in range(0, len(texts), per_sensor))
 
 
 def _senses(found: dict[str, RateTable], unit: str) -> Section:
-    """Tabulate forward, reverse and average, if both senses of rotation were measured."""
+    """Tabulate the fits for forward and reverse rotation and their average, for sensors measured in both senses."""
     rows = []
     for name, item in found.items():
         if item.average is None or item.forward is None or item.reverse is None or item.asymmetry is None:
@@ -267,16 +266,16 @@ def _senses(found: dict[str, RateTable], unit: str) -> Section:
 
 
 def _dwells(records: Sequence[Record], names: Sequence[str]) -> Section:
-    """Tabulate the samples dropped in cleaning, if any."""
+    """Tabulate the numbers of dwells, of samples in them, and of dropped spikes, for sensors with raw samples."""
     raw = {name: record.dwells for name, record in zip(names, records, strict=True) if record.dwells.raw}
     counts, dropped = [each.count for each in raw.values()], [int(each.dropped.sum()) for each in raw.values()]
-    ends = {"fewest_samples": map(np.min, counts), "most_samples": map(np.max, counts)}
-    rows = of_columns("calibration.dwells", sensor=raw, dwells=map(len, counts), **ends, spikes_dropped=dropped)
+    extremes = {"fewest_samples": map(np.min, counts), "most_samples": map(np.max, counts)}
+    rows = of_columns("calibration.dwells", sensor=raw, dwells=map(len, counts), **extremes, spikes_dropped=dropped)
     return of_section("calibration.dwells", rows)
 
 
 def sweep_page(calibration: Calibration[SweepRecord, SweepCalibration]) -> Page:
-    """Report three gyros swept about three axes."""
+    """Lay out the calibration of three gyros by rate sweeps about three axes."""
     record, found, fits = calibration.record, calibration.detail, calibration.fits
     unit, scale = (record.unit, 1.0) if record.raw else ("deg/s", 1.0 / DEG)
     stages = (rms(found.error_line), rms(found.error_matrix), rms(found.error_map))
@@ -307,7 +306,7 @@ def sweep_page(calibration: Calibration[SweepRecord, SweepCalibration]) -> Page:
 
 
 def _dropped(found: SweepCalibration) -> Iterator[str]:
-    """Describe the dropped samples, by gyro and end."""
+    """Describe which rates the fit of each gyro leaves out, separately for both senses of rotation, and why."""
     for i, axis in enumerate("xyz"):
         for sense in (-1.0, 1.0):
             rates = [item.rate for gyro, item in found.dropped if gyro == i and sense * item.rate > 0.0]
@@ -322,8 +321,8 @@ def _gain(found: SweepCalibration, stages: Sequence[float]) -> str:
     if all(item is None for item in found.pieces):
         return "which leaves nothing that a piecewise compensation could correct"
     _, before, after = stages
-    less = f", {number(before / after, 2)} times smaller" if 0.0 < after < before else ""
-    return f"{number(after / DEG)} deg/s with the piecewise compensation too{less}"
+    improvement = f", {number(before / after, 2)} times smaller" if 0.0 < after < before else ""
+    return f"{number(after / DEG)} deg/s with the piecewise compensation too{improvement}"
 
 
 def _settings(rate: FloatArray) -> list[str]:
@@ -339,15 +338,15 @@ def _errors(found: SweepCalibration, stages: Sequence[float]) -> Section:
     left_out = (None if item is None else rms(item.left_out) for item in found.pieces)
     errors = {"line": found.error_line, "matrix": found.error_matrix, "map": found.error_map}
     sizes = {name: map(rms, each.T) for name, each in errors.items()} | {"left_out": left_out}
-    at, most = _settings(found.rate[worst]), np.abs(found.error_map[worst, range(3)])
-    rows = of_columns("calibration.sweep_error", gyro="xyz", **sizes, worst=most, worst_at=at)
+    settings, largest = _settings(found.rate[worst]), np.abs(found.error_map[worst, range(3)])
+    rows = of_columns("calibration.sweep_error", gyro="xyz", **sizes, worst=largest, worst_at=settings)
     of_all = (Quantity(name, value, "deg/s") for name, value in zip(errors, stages, strict=True))
     table = of_section("calibration.sweep_error", rows, keyed=True)
     return Section("", parts=(table, only_json("rate_error", *of_all)))
 
 
 def _adjusted(found: SweepCalibration) -> tuple[Section, ...]:
-    """Tabulate manually adjusted intercepts, and their effect."""
+    """Tabulate the manually adjusted intercepts of the piecewise compensation, and their effect."""
     rows = tuple(
         of_table("calibration.adjusted", each, piece=f"{'xyz'[each.gyro]}{each.piece + 1}") for each in found.adjusted
     )
@@ -355,30 +354,30 @@ def _adjusted(found: SweepCalibration) -> tuple[Section, ...]:
 
 
 def _pieces(found: SweepCalibration) -> tuple[Section, ...]:
-    """Tabulate pieces of the compensation; JSON also has the errors at their ends."""
-    known = {axis: item for axis, item in zip("xyz", found.pieces, strict=True) if item is not None}
+    """Tabulate the pieces of the compensation of each gyro; JSON also has the gyro errors at the ends of pieces."""
+    compensated = {axis: item for axis, item in zip("xyz", found.pieces, strict=True) if item is not None}
     rows = tuple(
         (
             *of_table("calibration.piece", gyro=axis, piece=i + 1, **{"from": item.knot[i]}, to=item.knot[i + 1]),
             Quantity("k", float(slope), "ppm", sd=float(item.slope_sd[i])),
             Quantity("b", float(item.value[i] - slope * item.knot[i]), "deg/s", meaning="b'", decimals=4),
         )
-        for axis, item in known.items()
+        for axis, item in compensated.items()
         for i, slope in enumerate(item.slope)
     )
     knots = tuple(
         of_table("calibration.knots", item, gyro=axis, sd=np.sqrt(np.diag(item.covariance)))
-        for axis, item in known.items()
+        for axis, item in compensated.items()
     )
     return of_section("calibration.piece", rows), Section("pieces", rows=knots, show="json", keyed=True)
 
 
 def sweep_panels(found: SweepCalibration) -> Iterator[Panel]:
-    """Draw the error of each gyro over the rate about its axis: after the matrix, and after the pieces."""
+    """Draw the error of each gyro over the rate: after the matrix alone, and after the piecewise compensation."""
     for axis, (rows, item) in enumerate(zip(found.own, found.pieces, strict=True)):
         colour, rate, name = AXIS_COLOURS[axis], found.rate[rows, axis] / DEG, "xyz"[axis]
         ends = np.array([rate.min(), rate.max()])
-        for stage, words, error in (
+        for stage, stage_name, error in (
             ("matrix", "matrix", found.error_matrix),
             ("pieces", "piecewise compensation", found.error_map),
         ):
@@ -389,13 +388,13 @@ def sweep_panels(found: SweepCalibration) -> Iterator[Panel]:
                 curves.append(Curve("pieces", knots, values, BLACK))
                 curves.append(Curve("borders", knots[1:-1], values[1:-1], BLACK, "crosses"))
             none = "; nothing to compensate" if item is None and stage == "pieces" else ""
-            key, title = f"rate_error_{name}_{stage}", f"Gyro {name} after the {words}"
+            key, title = f"rate_error_{name}_{stage}", f"Gyro {name} after the {stage_name}"
             note = f"corrected rate minus rate of the table{none}"
             yield Panel(key, title, "error [deg/s]", "rate of the table [deg/s]", tuple(curves), "rate", note)
 
 
 def rotor_page(calibration: Calibration[tuple[BenchTable, BenchTable], Inertias]) -> Page:
-    """Lay out both methods and their agreement."""
+    """Lay out a rotor's moment of inertia from a falling weight and from precession, and their agreement."""
     fall, precession, both = calibration.detail.fall, calibration.detail.precession, calibration.detail.agreement
     how = calibration.options
     taken = {"fall_mass_kg": how.fall_mass, "radius_m": how.radius, "arm_m": how.arm, "gravity_m_s2": how.gravity}
@@ -421,7 +420,7 @@ def rotor_page(calibration: Calibration[tuple[BenchTable, BenchTable], Inertias]
         ("squared time of fall [s²]", "height [m]", fall),
         ("rotor rate [rad/s]", "precession period [s]", precession),
     )
-    # in theory precession is proportional to torque over spin; testable if several of both were measured
+    # in theory the precession rate is torque over angular momentum; several values of both permit a test of the powers
     powers = () if precession.powers is None else fitted(precession.powers, ("", "", ""))[1:]
     title, note = "Precession rate as a power of torque and spin", "by theory 1 and -1"
     caption = "Measured points, fitted lines, and residuals"
@@ -446,7 +445,7 @@ def rotor_page(calibration: Calibration[tuple[BenchTable, BenchTable], Inertias]
 
 
 def _line_panels(lines: Sequence[tuple[str, str, Inertia]]) -> tuple[Panel, ...]:
-    """Draw points and fitted lines through the origin, then residuals; with labels of both axes."""
+    """Draw points with fitted lines through the origin, then residuals. `lines`: label of y, label of x, inertia."""
     upper, lower = [], []
     for i, ((name, label, each), colour) in enumerate(zip(lines, AXIS_COLOURS, strict=False)):
         x, y, slope = each.x, each.y, float(each.fit.value[0])
@@ -454,6 +453,6 @@ def _line_panels(lines: Sequence[tuple[str, str, Inertia]]) -> tuple[Panel, ...]
         title, unit = name[: name.index(" [")], name[name.index("[") :]
         line, points = Curve("fitted", ends, slope * ends, GREY), Curve("measured", x, y, colour, "points")
         upper.append(Panel(f"line_{i}", title.capitalize(), name, label, (line, points), f"line_{i}", height=260))
-        left = (Curve("", ends, np.zeros(2), GREY), Curve("residual", x, y - slope * x, colour, "points"))
-        lower.append(Panel(f"rest_{i}", f"Residual of {title}", f"residual {unit}", label, left, f"line_{i}"))
+        residuals = (Curve("", ends, np.zeros(2), GREY), Curve("residual", x, y - slope * x, colour, "points"))
+        lower.append(Panel(f"rest_{i}", f"Residual of {title}", f"residual {unit}", label, residuals, f"line_{i}"))
     return *upper, *lower

@@ -1,4 +1,4 @@
-"""Reports of calibrations: the page of every method, and details of many poses and nine positions."""
+"""Reports of calibrations: page for any method, and the layout of multi-position and nine-position calibrations."""
 
 from __future__ import annotations
 
@@ -34,17 +34,17 @@ _MERITS = 6
 
 
 def multi_position_page(calibration: Calibration[ReadingFacts, Found]) -> Page:
-    """Report a multi-position calibration."""
+    """Lay out a multi-position calibration, from many poses or from six positions and three turns."""
     found = calibration.detail
-    own = _of_poses(found) if isinstance(found, PosesCalibration) else _of_six_positions(found)
-    drawing, quality, every, more = own.sections
+    specific = _of_poses(found) if isinstance(found, PosesCalibration) else _of_six_positions(found)
+    drawing, quality, all_positions, in_json = specific.sections
     without = "Without: one zero and one scale factor for three sensors." if found.counts else ""
     gravity = [Quantity("before", found.norm_before, "mg"), Quantity("after", found.norm_after, "mg")]
     if isinstance(found, PosesCalibration):
         gravity.append(Quantity("left_out", found.norm_left_out, "mg"))
     return Page(
         f"Multi-position calibration: {calibration.record.path}",
-        own.summary,
+        specific.summary,
         (
             drawing,
             _triad("accel", "Accelerometers", found.accel, found.counts),
@@ -54,30 +54,30 @@ def multi_position_page(calibration: Calibration[ReadingFacts, Found]) -> Page:
             quality,
             methods.corrected_section(calibration),
             methods.impact_section(calibration, without),
-            every,
-            only_json("", Quantity("gravity", found.g, "m/s^2"), parts=(more,)),
+            all_positions,
+            only_json("", Quantity("gravity", found.g, "m/s^2"), parts=(in_json,)),
         ),
         merits=(
             *(
                 replace(each, value=rms(np.asarray(each.value, np.float64)), meaning=f"gravity error, {each.label}")
                 for each in gravity
             ),
-            *own.merits,
+            *specific.merits,
         ),
         merits_note="RMS over the positions; left out: by a calibration without the position",
-        method=(*own.method, *phrase("method.poses_and_six", gravity_m_s2=found.g).splitlines()),
+        method=(*specific.method, *phrase("method.poses_and_six", gravity_m_s2=found.g).splitlines()),
     )
 
 
 def _of_poses(found: PosesCalibration) -> Page:
-    """Lay out a calibration from poses; all positions are too long for a terminal."""
+    """Lay out the content specific to a calibration from poses; the long table of poses is only on the page."""
     turns = only_json(
         "turn_error", *of_table("calibration.turn_error", found, used=[bool(used) for used in found.turn_used])
     )
-    every = Section("", parts=(_poses(found), turns), show="page")
+    all_poses = Section("", parts=(_poses(found), turns), show="page")
     times, used = np.array([[pose.start, pose.end] for pose in found.poses]), found.turn_used
-    more = only_json("", Quantity("poses", times, "s"), Quantity("rest_limit_sd", found.factor))
-    each = {"before": found.turn_before, "after": found.turn_after, "left out": found.turn_left_out}
+    in_json = only_json("", Quantity("poses", times, "s"), Quantity("rest_limit_sd", found.factor))
+    turn_errors = {"before": found.turn_before, "after": found.turn_after, "left out": found.turn_left_out}
     drawing = drawn("poses", "Gravity in every pose, and turns between them", poses_panels(found))
     return Page(
         "",
@@ -87,30 +87,30 @@ def _of_poses(found: PosesCalibration) -> Page:
             f"{len(found.poses)} poses and {int(np.count_nonzero(used))} turns; stationary where the accelerometers "
             f"scatter less than {found.factor:g} times as in the quietest tenth.",
         ),
-        (drawing, _quality(found), every, more),
+        (drawing, _quality(found), all_poses, in_json),
         method=tuple(phrase("method.poses", count=len(found.poses) - 9).splitlines()),
         merits=tuple(
             Quantity(f"turn_{name}", rms(values[used]), "deg", meaning=f"error of turn, {name}")
-            for name, values in each.items()
+            for name, values in turn_errors.items()
         ),
     )
 
 
 def _of_six_positions(found: SixPositions) -> Page:
     sections = only_json("sections", *(Quantity(name, list(span)) for name, span in found.sections.items()))
-    every = Section("", parts=(_positions(found), sections), show="page")
-    more = only_json("", Quantity("position_tilt", found.tilt, "mrad"), Quantity("turn", found.angle, "deg"))
+    all_positions = Section("", parts=(_positions(found), sections), show="page")
+    in_json = only_json("", Quantity("position_tilt", found.tilt, "mrad"), Quantity("turn", found.angle, "deg"))
     drawing = drawn("positions", "Gravity in the six positions", positions_panels(found))
-    place = int(np.argmax(np.abs(found.norm_after)))
-    worst = abs(float(found.norm_after[place]))
+    worst_position = int(np.argmax(np.abs(found.norm_after)))
+    worst = abs(float(found.norm_after[worst_position]))
     return Page(
         "",
         (
-            f"{_gravity_text(found)}, worst {number(worst / _MG)} mg in position {POSITIONS[place]}; position "
+            f"{_gravity_text(found)}, worst {number(worst / _MG)} mg in position {POSITIONS[worst_position]}; position "
             f"errors are {number(found.tilt / _MRAD)} mrad (1 sd).",
             f"Six positions and three turns by {found.angle / DEG:g} deg.",
         ),
-        (drawing, _turns(found), every, more),
+        (drawing, _turns(found), all_positions, in_json),
         method=tuple(phrase("method.six", turn_deg=found.angle / DEG, turn_sd_deg=TURN_SD / DEG).splitlines()),
         merits=(Quantity("position_tilt", found.tilt, "mrad", meaning="position errors, 1 sd"),),
     )
@@ -128,10 +128,10 @@ def _quality(found: PosesCalibration) -> Section:
     columns = ("before", "without_g_sensitivity", "after", "left_out")
     rows = []
     for name, series, unit in (("gravity", gravity, "mg"), ("turn", turns, "deg")):
-        for how, reduce in (("RMS", rms), ("worst", lambda v: float(np.abs(v).max()))):
+        for statistic, reduce in (("RMS", rms), ("worst", lambda v: float(np.abs(v).max()))):
             sizes = (None if values is None else reduce(values) for values in series)
             cells = (Quantity(column, size, unit) for column, size in zip(columns, sizes, strict=True))
-            rows.append((Quantity("error", f"{name}, {how}"), *cells))
+            rows.append((Quantity("error", f"{name}, {statistic}"), *cells))
     return of_section("calibration.errors", rows)
 
 
@@ -140,9 +140,9 @@ def _poses(found: PosesCalibration) -> Section:
     up = np.linalg.solve(found.accel.matrix, (forces - found.accel.bias).T).T / found.g
     begin, end = np.array([[pose.start, pose.end] for pose in found.poses]).T
     texts = [" ".join(f"{v:+.2f}" for v in row) for row in up]
-    named = {"pose": map(str, itertools.count(1)), "from": begin, "for": end - begin, "f [g]": texts}
+    columns = {"pose": map(str, itertools.count(1)), "from": begin, "for": end - begin, "f [g]": texts}
     sizes = {"before": found.norm_before, "after": found.norm_after, "share": found.accel_share}
-    poses = of_columns("calibration.pose", **named, **sizes)
+    poses = of_columns("calibration.pose", **columns, **sizes)
     after = np.where(found.turn_used, found.turn_after, np.nan)
     share = found.gyro_share
     turns = of_columns("calibration.pose_turn", turn_before=found.turn_before, turn_after=after, turn_share=share)
@@ -165,7 +165,7 @@ def _positions(found: SixPositions) -> Section:
 
 
 def _triad(key: str, title: str, triad: Triad, counts: bool) -> Section:
-    """Tabulate bias, scale factor and misalignment of three sensors with standard deviations; matrices in JSON."""
+    """Tabulate bias, scale factor and misalignment of three sensors with their sd; JSON has the matrices instead."""
     accel = key == "accel"
     si, shown = ("m/s^2", "mg") if accel else ("rad/s", "deg/s")
     bias_unit, matrix_unit = ("counts", f"counts/({si})") if counts else (si, "")
@@ -182,8 +182,8 @@ def _triad(key: str, title: str, triad: Triad, counts: bool) -> Section:
             rows.append((f"scale factor error {axis}", Quantity("value", value - 1.0, "ppm", sd)))
     for i, j in itertools.permutations(range(3), 2):
         if triad.matrix_sd[i, j] > 0.0:
-            own = float(triad.matrix[i, i])
-            across, sd = float(triad.matrix[i, j]) / own, float(triad.matrix_sd[i, j]) / abs(own)
+            scale = float(triad.matrix[i, i])
+            across, sd = float(triad.matrix[i, j]) / scale, float(triad.matrix_sd[i, j]) / abs(scale)
             rows.append((f"{AXES[i]} senses {AXES[j]}", Quantity("value", across, "mrad", sd)))
     items = (
         Quantity("bias", triad.bias, bias_unit, triad.bias_sd),
@@ -200,20 +200,20 @@ def _g_sensitivity(found: Found) -> Section:
     unit, per = ("counts/g", G0) if counts else ("deg/s/g", G0 / DEG)
     rows = []
     for axis, *both in zip(AXES, sensitivity * per, sd * per, strict=True):
-        cells = (measured(f"by {other}", value, unit, float(by)) for other, value, by in zip(AXES, *both, strict=True))
+        cells = (measured(f"by {force}", value, unit, float(by)) for force, value, by in zip(AXES, *both, strict=True))
         rows.append((Quantity("gyro", axis), *cells))
-    whole = Quantity("g_sensitivity", sensitivity, "counts/(m/s^2)" if counts else "(rad/s)/(m/s^2)", sd)
+    matrix = Quantity("g_sensitivity", sensitivity, "counts/(m/s^2)" if counts else "(rad/s)/(m/s^2)", sd)
     table = Section("", "g-sensitivity of the gyros", rows=tuple(rows), note="± 1 sd")
-    return Section("", parts=(table, only_json("gyro", whole)))
+    return Section("", parts=(table, only_json("gyro", matrix)))
 
 
 def nine_page(calibration: Calibration[NineRecord, NinePositions]) -> Page:
-    """Report three dual-axis modules."""
+    """Lay out the calibration of three dual-axis sensor modules in nine positions."""
     found, fits = calibration.detail, calibration.fits
-    # in the order of the method: accelerometers, triad, gyro misalignments, stationary gyros
+    # The parameters have this order: single accelerometers, accelerometer triad, gyro misalignment, gyros at rest.
     raw = calibration.record.unit != "m/s^2"
-    own = 12 if raw else 6
-    ends = itertools.pairwise((0, own, own + 9, own + 15, None))
+    single = 12 if raw else 6
+    ends = itertools.pairwise((0, single, single + 9, single + 15, None))
     biases, accel, gyro, at_rest = (calibration.parameters[first:end] for first, end in ends)
     scales = " and scale factor" * raw
     across = "position, in the order of the file"
@@ -222,14 +222,14 @@ def nine_page(calibration: Calibration[NineRecord, NinePositions]) -> Page:
     diagonal, second_order = ", ".join(f"{v:.5f}" for v in found.gyro_diagonal), number(1e3 * found.second_order, 2)
     places = [f"roll {roll:.4g}, pitch {pitch:.4g} deg" for roll, pitch in calibration.record.dwells.setting / DEG]
     largest = 1e3 * float(np.abs(found.gyro_matrix - np.eye(3)).max())
-    left = 1e3 * float(found.half_width(found.gyro_matrix_sd, first_order=True).max())
-    condition, which = (found.condition_accel, found.condition_gyro), (str(len(places)), "all that are tilted")
+    half = 1e3 * float(found.half_width(found.gyro_matrix_sd, first_order=True).max())
+    condition, positions = (found.condition_accel, found.condition_gyro), (str(len(places)), "all that are tilted")
     names = "A_m, accelerometers", "Omega_m, products"
-    inverses = of_columns("calibration.inverse", matrix=names, condition=condition, positions=which)
+    inverses = of_columns("calibration.inverse", matrix=names, condition=condition, positions=positions)
     return Page(
         "Nine positions of three dual-axis modules",
         (
-            f"Gyro misalignment up to {number(largest)} mrad, known to ± {number(left, 2)} mrad (95 %); its inverse is "
+            f"Gyro misalignment up to {number(largest)} mrad, known to ± {number(half, 2)} mrad (95 %); its inverse is "
             "applied by insnav.",
             f"Scatter of one accelerometer value {number(found.sigma / _MG, 2)} mg, {found.dof} degrees of freedom.",
         ),
@@ -255,10 +255,10 @@ def nine_page(calibration: Calibration[NineRecord, NinePositions]) -> Page:
 
 
 def _residuals(found: NinePositions, places: int) -> Iterator[Series]:
-    number, every = np.repeat(np.arange(1.0, places + 1.0), 2), np.ones(2 * places, dtype=np.bool_)
+    number, all_used = np.repeat(np.arange(1.0, places + 1.0), 2), np.ones(2 * places, dtype=np.bool_)
     for axis in range(3):
-        left = np.column_stack([found.fits[i].residual / _MG for i in np.flatnonzero(axis == AXIS)]).ravel()
-        yield Series(f"both accelerometers {'xyz'[axis]}", "mg", number, left, every, found.sigma / _MG)
+        residual = np.column_stack([found.fits[i].residual / _MG for i in np.flatnonzero(axis == AXIS)]).ravel()
+        yield Series(f"both accelerometers {'xyz'[axis]}", "mg", number, residual, all_used, found.sigma / _MG)
 
 
 def _methods(found: NinePositions) -> str:
@@ -269,7 +269,7 @@ def _methods(found: NinePositions) -> str:
 
 
 def poses_panels(found: PosesCalibration) -> tuple[Panel, ...]:
-    """Draw the gravity error in each pose, and the error of each turn to the next."""
+    """Draw the gravity error in each pose, and the error of the measured turn from each pose to the next."""
     number = np.arange(1.0, len(found.poses) + 1.0)
     first = "one scale for all axes" if found.counts else "as recorded"
     used = found.turn_used
@@ -294,12 +294,12 @@ def poses_panels(found: PosesCalibration) -> tuple[Panel, ...]:
 
 
 def _size(name: str, x: FloatArray, y: FloatArray, colour: str, kind: Kind = "points") -> Curve:
-    """Draw points on a logarithmic axis; a simulated error may be exactly zero."""
+    """Build points for a logarithmic axis from absolute values, at least 1e-4: a simulated error may be zero."""
     return Curve(name, x, np.maximum(np.abs(y), 1e-4), colour, kind)
 
 
 def positions_panels(found: SixPositions) -> tuple[Panel, ...]:
-    """Draw the gravity error in the six positions, and the cross-axis remainder."""
+    """Draw the gravity error in the six positions, and the specific force error on each axis after calibration."""
     row = np.arange(len(POSITIONS), dtype=np.float64)
     names = tuple(f"{name[0]} {'up' if name.endswith('p') else 'down'}" for name in POSITIONS)
     first = "one scale for all axes" if found.counts else "as recorded"
@@ -318,7 +318,7 @@ def positions_panels(found: SixPositions) -> tuple[Panel, ...]:
     )
 
 
-# page of each method, and its input
+# for each calibration method: the function that lays out its page, and the function that lists its input for JSON
 _METHODS: Mapping[str, tuple[Callable[[Calibration[Any, Any]], Page], Callable[[Any], Any]]] = {
     "gyro": (methods.gyro_page, lambda records: methods.bench_input([each.table for each in records])),
     "accel": (methods.accel_page, lambda records: methods.bench_input([each.table for each in records])),
@@ -330,35 +330,35 @@ _METHODS: Mapping[str, tuple[Callable[[Calibration[Any, Any]], Page], Callable[[
 
 
 def page(result: Result[Calibration[Any, Any]]) -> Page:
-    """Lay out a calibration."""
+    """Lay out a calibration by any method, with its input, verdict and figures of merit."""
     found = result.found
-    report, files = _METHODS[found.method]
-    own = report(found)
-    first, *others = own.summary
+    lay_out, input_of = _METHODS[found.method]
+    by_method = lay_out(found)
+    first, *sentences = by_method.summary
     return replace(
-        own,
-        summary=tuple(others),
-        sections=(only_json("", Quantity("input", files(found.record))), *own.sections),
+        by_method,
+        summary=tuple(sentences),
+        sections=(only_json("", Quantity("input", input_of(found.record))), *by_method.sections),
         verdict=by_warnings(first[0].upper() + first[1:], result.findings, ("good", "no warning from the fits")),
-        merits=own.merits or tuple(replace(each, interval=None) for each in found.parameters[:_MERITS]),
+        merits=by_method.merits or tuple(replace(each, interval=None) for each in found.parameters[:_MERITS]),
     )
 
 
 def texts(result: Result[Calibration[Any, Any]]) -> dict[str, str]:
-    """Return the calibration file, if the method calibrates an IMU."""
+    """Return the contents of ``calibration.toml``, if the method calibrates an IMU."""
     errors = result.found.errors
     return {} if errors is None else {"calibration.toml": calibration_to_toml(errors)}
 
 
 def frame(result: Result[Calibration[Any, Any]]) -> DataFrame:
-    """Build a table of the parameters: one row per number, with unit and standard deviation."""
+    """Build a table of the calibration parameters: a row per number, with unit and standard deviation."""
     return rows_frame(row for each in result.found.parameters for row in _numbers(each))
 
 
 def _numbers(each: Quantity) -> tuple[tuple[Quantity, ...], ...]:
-    """Split a parameter into the elements of its vector or matrix."""
+    """Split a parameter into the elements of its vector or matrix: a table row for each."""
     values, sds = np.broadcast_arrays(each.scaled(each.value), each.scaled(each.sd))
-    names = (f"{each.label} {''.join('xyz'[k] for k in at)}".strip() for at in np.ndindex(values.shape))
+    names = (f"{each.label} {''.join('xyz'[k] for k in index)}".strip() for index in np.ndindex(values.shape))
     return of_columns(
         "calibration.number", parameter=names, unit=itertools.repeat(each.unit), value=values.flat, sd=sds.flat
     )

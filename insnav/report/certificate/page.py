@@ -17,8 +17,8 @@ from insnav.report.style import BLACK, BLUE, GREY, ORANGE, PURPLE, SKY, VERMILLI
 from insnav.report.tables import of_table
 from insnav.result import Result
 
-_EXCEEDS = "!"  # after an error that exceeds the limit
-_LEAST, _MOST = 1e-7, 1e7  # range of error over limit; beyond, points are at the edge
+_EXCEEDS = "!"  # marks an error that exceeds its limit
+_LEAST, _MOST = 1e-7, 1e7  # drawn range of the ratio of error to limit; points outside are drawn at its ends
 _READ = f"shaded: within the limit; points: insnav as it navigates; at the edges {_LEAST:g} or less, {_MOST:g} or more"
 _PASSED, _FAILED = "insnav: passed", "insnav: FAILED"
 _DRAWN = "Error of every integrator in parts of its limit"
@@ -26,7 +26,7 @@ _OTHERS = (ORANGE, GREY, PURPLE, SKY, BLACK)
 
 
 def page(result: Result[Certificate]) -> Page:
-    """Lay out all checks, a table for every topic."""
+    """Lay out the numerical certificate: the result of all checks, with a table for every topic."""
     certificate = result.found
     checks, failed = certificate.checks, certificate.failed
     summary = f"{len(checks) - len(failed)} of {len(checks)} checks passed in {certificate.seconds:.1f} s"
@@ -55,7 +55,7 @@ def page(result: Result[Certificate]) -> Page:
 
 
 def frame(result: Result[Certificate]) -> DataFrame:
-    """Build a table with one row per check, errors and limit in its unit."""
+    """Build a table with one row per check; its errors and its limit are in the unit of the check."""
     return rows_frame(map(_facts, result.found.checks))
 
 
@@ -65,7 +65,7 @@ def _facts(check: Check) -> tuple[Quantity, ...]:
 
 
 def certificate_markdown(certificate: Certificate) -> str:
-    """Write all checks as one Markdown table for a README."""
+    """Write all checks as one Markdown table for a README, with the errors of other integrators for comparison."""
     others = [name for name in _names(certificate.checks) if name not in {c.values[0][0] for c in certificate.checks}]
     rows = [("check", "limit", "insnav", *others)]
     for check in certificate.checks:
@@ -92,8 +92,8 @@ def _topic(topic: str, checks: list[Check]) -> Section:
 
 
 def _error(check: Check, name: str, value: float) -> Quantity:
-    known = math.isfinite(value)
-    return Quantity(name, value if known else None, digits=2, mark="" if value <= check.limit else _EXCEEDS)
+    finite = math.isfinite(value)
+    return Quantity(name, value if finite else None, digits=2, mark="" if value <= check.limit else _EXCEEDS)
 
 
 def _names(checks: Sequence[Check]) -> tuple[str, ...]:
@@ -101,12 +101,12 @@ def _names(checks: Sequence[Check]) -> tuple[str, ...]:
 
 
 def certificate_panel(checks: Sequence[Check]) -> Panel:
-    """Draw one row per check on a logarithmic axis: the decisive error as a point, others as crosses."""
+    """Draw a row per check on a logarithmic axis: a point is the error of insnav, crosses are other integrators."""
     others = dict.fromkeys(name for check in checks for name, _ in check.values[1:])
-    found: dict[str, list[tuple[int, Check, float]]] = {name: [] for name in (*others, _PASSED, _FAILED)}
+    points_of: dict[str, list[tuple[int, Check, float]]] = {name: [] for name in (*others, _PASSED, _FAILED)}
     for row, check in enumerate(checks):
         for name, value in ((_PASSED if check.passed else _FAILED, check.error), *check.values[1:]):
-            found[name].append((row, check, value))
+            points_of[name].append((row, check, value))
     styles: dict[str, tuple[str, Kind]] = {
         name: (each, "crosses") for name, each in zip(others, cycle(_OTHERS), strict=False)
     }
@@ -114,20 +114,20 @@ def certificate_panel(checks: Sequence[Check]) -> Panel:
     curves = [
         Curve(
             name,
-            np.array([_part(check, value) for _, check, value in of]),
-            np.array([float(row) for row, *_ in of]),
+            np.array([_part(check, value) for _, check, value in pts]),
+            np.array([float(row) for row, *_ in pts]),
             *styles[name],
-            text=tuple(f"{check.case}, {name}: {value:.3g} of {check.limit:g} {check.unit}" for _, check, value in of),
+            text=tuple(f"{check.case}, {name}: {value:.3g} of {check.limit:g} {check.unit}" for _, check, value in pts),
         )
-        for name, of in found.items()
+        for name, pts in points_of.items()
     ]
     labels, names = (_DRAWN, "", "error / limit [-]"), tuple(check.name for check in checks)
-    known, spans, height = tuple(each for each in curves if len(each.x)), ((_LEAST / 3.0, 1.0),), 110 + 20 * len(checks)
-    return Panel("certificate", *labels, known, note=_READ, log="x", spans=spans, rows=names, height=height)
+    shown, spans, height = tuple(each for each in curves if len(each.x)), ((_LEAST / 3.0, 1.0),), 110 + 20 * len(checks)
+    return Panel("certificate", *labels, shown, note=_READ, log="x", spans=spans, rows=names, height=height)
 
 
 def _part(check: Check, value: float) -> float:
-    """Return error over limit, within the axis; NaN counts as largest."""
+    """Return the ratio of an error to its limit, clipped to the range of the axis; NaN becomes the largest ratio."""
     if not np.isfinite(value):
         return _MOST
     if check.limit == 0.0:

@@ -1,4 +1,4 @@
-"""Report of a file check: content of the files, problems, and the command to run."""
+"""Report of a check of input files: their content, problems, and the command that navigates them."""
 
 from __future__ import annotations
 
@@ -21,36 +21,36 @@ from insnav.result import Result
 from insnav.session.check import Checked
 from insnav.steps.one_clock import SIGMAS
 
-_TO_MEND = 3  # problems shown at the end of the text
+_TO_MEND = 3  # largest number of problems listed at the end of the text
 
 _BODY = "x, y, z: forward, right, down"
 
 
 def page(result: Result[Checked]) -> Page:
-    """Lay out a check."""
+    """Lay out a check of input files: run command, timeline, files, IMU, GPS, and both together."""
     found = result.found
     sections = _files(found, result.inputs), *_imu(found), *_gps(found), *_both(found)
     line = Quantity("command", found.command if found.runs else None), Quantity("runs_as_given", found.runs_as_given)
     run = _run_line(found, "the first problem is solved")
-    left = _to_mend(found)
+    to_correct = _to_mend(found)
     files = ", ".join(f"{each.kind} {each.n_used} rows" for each in result.inputs.values())
-    counted = {"good": "no problem found", "attention": f"{len(left)} to mend", "bad": "the files do not run"}
-    light: Light = "bad" if not found.runs else "attention" if left else "good"
+    reasons = {"good": "no problem found", "attention": f"{len(to_correct)} to mend", "bad": "the files do not run"}
+    light: Light = "bad" if not found.runs else "attention" if to_correct else "good"
     return Page(
         "Check of a recording",
         (run,),
         (*_timeline(result), *sections, only_json("mend", *line)),
-        verdict=Verdict(light, counted[light], f"{files or 'No file was read'}."),
+        verdict=Verdict(light, reasons[light], f"{files or 'No file was read'}."),
     )
 
 
 def _to_mend(found: Checked) -> list[Finding]:
-    """Problems that can be corrected, the worst first."""
+    """Return the problems that the user can correct, the worst first."""
     return [each for each in found.problems if each.severity > Severity.NOTE and render(each).advice]
 
 
 def _timeline(result: Result[Checked]) -> tuple[Section, ...]:
-    """Draw the time span of each file, with its gaps."""
+    """Draw the time interval that each file covers, with its gaps."""
     inputs = list(result.inputs.values())
     if not inputs:
         return ()
@@ -75,26 +75,26 @@ def _timeline(result: Result[Checked]) -> tuple[Section, ...]:
 def _run_line(found: Checked, before: str) -> str:
     if found.runs:
         return f"{translated('run:')}  {found.command}"
-    known = translated("; command so far: ") + found.command if found.command.count(" --") else ""
-    return f"{translated('run:')}  {translated(f'nothing to copy before {before}')}{known}"
+    so_far = translated("; command so far: ") + found.command if found.command.count(" --") else ""
+    return f"{translated('run:')}  {translated(f'nothing to copy before {before}')}{so_far}"
 
 
 def text(result: Result[Checked], width: int | None = None, *, brief: bool = False) -> str:
-    """Write the report for the terminal, with problems and command last; `brief`: in few lines."""
+    """Write the report for the terminal, with problems and run command last. `brief`: only about 15 lines."""
     laid_out, at = result.page(), _from_start(result)
-    left = enumerate(_to_mend(result.found)[:_TO_MEND], 1)
-    mend = [phrase("terminal.line", name=translated(f"mend {i}"), text=sentence(each, at=at)) for i, each in left]
-    mend = mend or [translated("no problem found")]
+    first = enumerate(_to_mend(result.found)[:_TO_MEND], 1)
+    problems = [phrase("terminal.line", name=translated(f"mend {i}"), text=sentence(each, at=at)) for i, each in first]
+    problems = problems or [translated("no problem found")]
     listed = {*result.found.problems, *(each for each in result.findings if each.timed)}
     shown = replace(laid_out, summary=(), findings=tuple(each for each in result.findings if each not in listed))
-    run = plain_text(_run_line(result.found, "mend 1"))  # to be copied
+    run = plain_text(_run_line(result.found, "mend 1"))  # not wrapped, as users copy this line
     if brief:
-        return brief_text(shown, width, [*hanging([*mend, phrase("terminal.details")], width), run])
-    return "\n".join([page_text(shown, width, ("all", "page")), *hanging(["", *mend], width), run])
+        return brief_text(shown, width, [*hanging([*problems, phrase("terminal.details")], width), run])
+    return "\n".join([page_text(shown, width, ("all", "page")), *hanging(["", *problems], width), run])
 
 
 def _from_start(result: Result[Checked]) -> At:
-    """Format finding times from the start of the samples; the tables use file times, as the files do."""
+    """Return a function that writes finding times since the first IMU sample; tables show times as in the files."""
     if "imu" not in result.inputs:
         return moment
     clock = Clock(result.inputs["imu"].start_s, 1.0, "s", "")
@@ -109,11 +109,11 @@ def _from_start(result: Result[Checked]) -> At:
 def _files(found: Checked, inputs: Mapping[str, ReadingFacts]) -> Section:
     rows: list[tuple[Quantity, ...]] = []
     for path, role in found.roles.items():
-        mine = [each for each in inputs.values() if each.path == path or each.path.startswith(f"{path}/")]
-        for facts in mine:
+        members = [each for each in inputs.values() if each.path == path or each.path.startswith(f"{path}/")]
+        for facts in members:
             times = of_table("check.file", facts)
             rows.append((Quantity("file", facts.path), Quantity("role", facts.kind, meaning="is"), *times))
-        if not mine:
+        if not members:
             rows.append((Quantity("file", path), Quantity("role", role, meaning="is")))
     return Section("files", "Files", rows=tuple(rows))
 
@@ -123,8 +123,8 @@ def _imu(found: Checked) -> tuple[Section, ...]:
         return ()
     parts = []
     for sensor, title in (("gyro", "Gyros"), ("accel", "Accelerometers")):
-        own = [each for each in found.imu.axes if each.name.startswith(sensor)]
-        rows = tuple(of_table(f"check.{sensor}", each, resolution=each.resolution or None) for each in own)
+        axes = [each for each in found.imu.axes if each.name.startswith(sensor)]
+        rows = tuple(of_table(f"check.{sensor}", each, resolution=each.resolution or None) for each in axes)
         parts.append(Section(sensor, title, rows=rows, note=_BODY))
     peaks = tuple(of_table("check.peak", each) for each in found.imu.peaks)
     (step, step_time), (jolt, jolt_time) = found.imu.gravity_steps, found.imu.jolt
@@ -158,13 +158,13 @@ def _both(found: Checked) -> tuple[Section, ...]:
         ]
     if not items:
         return ()
-    apart = found.offset is not None and abs(found.offset.offset) > SIGMAS * found.offset.sd
-    note = "The offset by motion shows clocks that differ; the delay that counts is that by the filter." * apart
+    clocks_differ = found.offset is not None and abs(found.offset.offset) > SIGMAS * found.offset.sd
+    note = "The offset by motion shows clocks that differ; the delay that counts is that by the filter." * clocks_differ
     return (Section("together", "IMU and GPS together", items=tuple(items), note=note),)
 
 
 def frame(result: Result[Checked]) -> DataFrame:
-    """Build a table of the problems: one row each, ``what``, ``why``, ``fix``."""
+    """Build a table of the problems: a row for each, with columns ``what``, ``why``, ``fix``."""
     return rows_frame(
         of_table("check.problem", each, why=f"{each.text} {each.done}".rstrip())
         for each in map(render, result.found.problems)

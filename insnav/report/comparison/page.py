@@ -1,4 +1,4 @@
-"""Report of runs against one reference: one line per solution."""
+"""Report that compares several runs with one reference: a table row per solution."""
 
 from __future__ import annotations
 
@@ -25,9 +25,9 @@ from insnav.strapdown import nearest_rows
 from insnav.types import FloatArray
 from insnav.units import UNITS
 
-_MERITS = 6  # solutions listed before the table
+_MERITS = 6  # largest number of solutions among the figures of merit
 _INSIDE = 0.95  # share of the errors inside 3 sd that confirms the stated sd
-# key, heading, unit, quantity and statistic of `insnav.errors.metrics.accuracy`
+# table columns: key, heading, unit; then quantity and statistic in the result of `insnav.errors.metrics.accuracy`
 _COLUMNS = (
     ("north", "N", "m", "north_m", "rms"),
     ("east", "E", "m", "east_m", "rms"),
@@ -45,7 +45,7 @@ _COLOURS = (BLUE, VERMILLION, GREEN, ORANGE, PURPLE, SKY)
 
 
 def page(result: Result[Comparison]) -> Page:
-    """Lay out a comparison."""
+    """Lay out a comparison of runs: a table of their errors, tracks, and error panels."""
     found, findings = result.found, (*_warnings(result.found), *result.findings)
     drawings = (drawn(each.key, each.title, (each,), each.note) for each in comparison_panels(found))
     runs = {each.run for each in found.compared}
@@ -57,21 +57,21 @@ def page(result: Result[Comparison]) -> Page:
         findings,
         verdict=_verdict(found, findings),
         merits=tuple(
-            Quantity(f"rms_{place}", rms(errors.horizontal), "m", meaning=f"{name}, horizontal RMS")
-            for place, (name, errors) in enumerate(list(found.named().items())[:_MERITS], start=1)
+            Quantity(f"rms_{rank}", rms(errors.horizontal), "m", meaning=f"{name}, horizontal RMS")
+            for rank, (name, errors) in enumerate(list(found.named().items())[:_MERITS], start=1)
         ),
         names=frozenset(runs),
     )
 
 
 def _warnings(found: Comparison) -> tuple[Finding, ...]:
-    """Return warnings on large errors of each run's last solution, as in a run report."""
+    """Return warnings if the errors exceed the stated sd, for the last solution of each run, as in its own report."""
     last = {each.run: named for each, named in zip(found.compared, found.named().items(), strict=True)}
     return tuple(each for name, errors in last.values() for each in overconfident(name, errors))
 
 
 def _verdict(found: Comparison, findings: Sequence[Finding]) -> Verdict:
-    """Return the solution with the smallest horizontal error, and whether its stated sd is confirmed."""
+    """Rate a comparison: the solution with the smallest horizontal error, and whether its stated sd holds."""
     sizes = {name: rms(errors.horizontal) for name, errors in found.named().items()}
     best, *others = sorted(sizes, key=lambda name: sizes[name] if np.isfinite(sizes[name]) else np.inf)
     text = f"{best} has the smallest horizontal error, {number(sizes[best])} m RMS"
@@ -89,7 +89,7 @@ def _verdict(found: Comparison, findings: Sequence[Finding]) -> Verdict:
 
 
 def write_files(result: Result[Comparison], folder: RunFolder, table_format: TableFormat) -> None:
-    """Write the horizontal errors of every solution."""
+    """Write a table of the horizontal errors of every solution over time."""
     errors = result.found.named()
     time = next(iter(errors.values())).time
     columns: dict[str, FloatArray] = {f"{name} [m]": np.round(each.horizontal, 4) for name, each in errors.items()}
@@ -97,31 +97,28 @@ def write_files(result: Result[Comparison], folder: RunFolder, table_format: Tab
 
 
 def frame(result: Result[Comparison]) -> DataFrame:
-    """Build a table of accuracy, one row per solution.
-
-    Returns: ``run``, ``solution``, and RMS errors with their unit in the name.
-    """
+    """Build a table of accuracy with a row per solution: ``run``, ``solution``, and errors by name with unit."""
     return rows_frame(_row(each) for each in result.found.compared)
 
 
 def _row(of: Compared) -> tuple[Quantity, ...]:
-    """Build the row of errors of a solution and its share inside 3 sd."""
+    """Build the table row of a solution: its errors, and the share of position errors inside 3 sd."""
     errors, consistency = accuracy(of.errors) or {}, nees(of.errors)
     position = None if consistency is None else consistency["position"]
     row = [Quantity("run", Name(of.run)), Quantity("solution", of.solution)]
     for key, heading, unit, quantity, statistic in _COLUMNS:
         if errors.get(quantity) is not None:
-            size = UNITS[unit][1]
-            row.append(Quantity(key, errors[quantity][statistic] * size, unit, meaning=heading))
+            factor = UNITS[unit][1]
+            row.append(Quantity(key, errors[quantity][statistic] * factor, unit, meaning=heading))
     inside = None if position is None else position["inside_3_sd"]
     return (*row, Quantity("inside_3_sd", inside, "%", meaning="in 3 sd"))
 
 
 def comparison_panels(found: Comparison) -> tuple[Track, Panel, Panel]:
-    """Draw the tracks, the errors of every solution over time and their distribution; smoothed ones dashed."""
+    """Draw the tracks, and horizontal errors over time and their distribution; smoothed solutions are dashed."""
     time = found.compared[0].errors.time
     clock, lla = Clock.of(time), found.reference.lla[nearest_rows(found.reference.time, time)]
-    place = ned_offset(lla, lla[0])
+    position = ned_offset(lla, lla[0])
     tracks, shades = [], []
     runs = list(dict.fromkeys(each.run for each in found.compared))
     over_time, shares = [], []
@@ -130,12 +127,12 @@ def comparison_panels(found: Comparison) -> tuple[Track, Panel, Panel]:
         kind: Kind = "dashed" if each.solution == "smoothed" else "line"
         over_time.append(Curve(name, *broken_at_gaps(clock(errors.time), errors.horizontal), colour, kind))
         share = np.linspace(1.0, 100.0, 500)
-        known = np.maximum(np.nanpercentile(errors.horizontal, share), LEAST_ERROR)
-        shares.append(Curve(name, known, share, colour, kind))
-        north, east, _ = (place + errors.position).T
+        errors_at = np.maximum(np.nanpercentile(errors.horizontal, share), LEAST_ERROR)
+        shares.append(Curve(name, errors_at, share, colour, kind))
+        north, east, _ = (position + errors.position).T
         tracks.append(Curve(name, east, north, colour, kind))
         shades.append(Shade(f"error of {name} [m]", errors.horizontal))
-    x, dashed, points = clock.label, "dashed: smoothed", (place[:, 1], place[:, 0], clock(time), tuple(shades))
+    x, dashed, points = clock.label, "dashed: smoothed", (position[:, 1], position[:, 0], clock(time), tuple(shades))
     title, across, note = "Distribution of the horizontal error", "horizontal error [m]", "further left is better"
     return (
         Track("track", "Tracks", *points, "time", note="points: the reference", behind=tuple(tracks)),

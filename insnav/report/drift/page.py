@@ -1,4 +1,4 @@
-"""Drift of gyros before and after correction and smoothing, as a page."""
+"""Report of gyro drift: as measured, after correction by a drift model, and after smoothing by a Kalman filter."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ _TERMS = {
 
 
 def page(result: Result[DriftStudy]) -> Page:
-    """Lay out the drift of gyros."""
+    """Lay out the drift study of gyros: conclusions, panels, and tables for each gyro."""
     found = result.found
     record, gyros, name = found.record, found.gyros, found.record.name
     fits = {f"gyro {each.model.axis}": each.model.fit for each in gyros}
@@ -60,12 +60,12 @@ def page(result: Result[DriftStudy]) -> Page:
 
 
 def texts(result: Result[DriftStudy]) -> dict[str, str]:
-    """Return the file texts of rates and calibration."""
+    """Return the contents of text files by name: the calibration, and the corrected and smoothed rates."""
     return {"calibration.toml": calibration_to_toml(result.found.errors), "rates.csv": rates_csv(result.found)}
 
 
 def frame(result: Result[DriftStudy]) -> DataFrame:
-    """Build a table of the Allan deviations of every gyro, before and after."""
+    """Build a table of the Allan deviations of every gyro: before, corrected, and smoothed."""
     return rows_frame(
         (Quantity("gyro", each.model.axis), *row) for each in result.found.gyros for row in _curves(each, "").rows
     )
@@ -82,11 +82,11 @@ def _merits(each: GyroDrift) -> tuple[Quantity, ...]:
 def _conclusions(each: GyroDrift) -> tuple[str, ...]:
     name, corrected, smoothed = f"gyro {each.model.axis}", each.corrected, each.smoothed
     shortest, longest = float(corrected.allan.tau[0]), float(corrected.allan.tau[-1])
-    lower = float(corrected.deviation[0] / smoothed.deviation[0])
+    gain = float(corrected.deviation[0] / smoothed.deviation[0])
     ratio = float(smoothed.deviation[-1] / corrected.deviation[-1])
-    how = {"factor": number(lower, 2), "until_s": each.helped_until, "ratio": number(ratio, 2), "name": name}
-    how |= {"freedom": number(float(corrected.freedom[-1]), 2), "lag": number(each.smoother.lag)}
-    return tuple(phrase("method.smoothing", shortest_s=shortest, longest_s=longest, **how).splitlines())
+    values = {"factor": number(gain, 2), "until_s": each.helped_until, "ratio": number(ratio, 2), "name": name}
+    values |= {"freedom": number(float(corrected.freedom[-1]), 2), "lag": number(each.smoother.lag)}
+    return tuple(phrase("method.smoothing", shortest_s=shortest, longest_s=longest, **values).splitlines())
 
 
 def _gyro(each: GyroDrift) -> Section:
@@ -139,10 +139,10 @@ def _curves(each: GyroDrift, name: str) -> Section:
 def _coefficients(each: GyroDrift, name: str) -> Section:
     rows = []
     for state, curve in _states(each).items():
-        known = {term: curve.coefficients[term] for term in POWERS if curve.coefficients}
-        if known:
-            found = (noise_quantity(term, one.value, interval=(one.low, one.high)) for term, one in known.items())
-            rows.append((Quantity("rate", state, meaning="angular rate"), *found))
+        fitted = {term: curve.coefficients[term] for term in POWERS if curve.coefficients}
+        if fitted:
+            cells = (noise_quantity(term, one.value, interval=(one.low, one.high)) for term, one in fitted.items())
+            rows.append((Quantity("rate", state, meaning="angular rate"), *cells))
     return of_section("drift.coefficients", rows, {"name": name})
 
 
@@ -157,7 +157,7 @@ def _ramps(each: GyroDrift, name: str) -> Section:
 
 
 def rates_csv(found: DriftStudy) -> str:
-    """Write the corrected and the smoothed rates as text of a table."""
+    """Write the corrected and the smoothed rates of all gyros as CSV text."""
     columns = {"time_s": found.record.time}
     for each in found.gyros:
         columns[f"gyro_{each.model.axis}_corrected_deg_s"] = each.corrected_rate / DEG
@@ -171,7 +171,7 @@ def drift_panels(found: DriftStudy) -> tuple[Panel, ...]:
 
 
 def rate_panels(found: DriftStudy) -> tuple[Panel, ...]:
-    """Draw for each gyro the rate on a ramp and the following constant rate, before and after the filter."""
+    """Draw the rate of each gyro on a ramp, and at constant rate afterwards, before and after the filter."""
     return tuple(panel for each in found.gyros for panel in _rates(each))
 
 
@@ -191,7 +191,7 @@ def _panels(time: FloatArray, each: GyroDrift) -> tuple[Panel, Panel, Panel]:
         allan += [Curve(name, tau, high, shade, "band", low), Curve(name, tau, value, shade, line)]
         allan.append(Curve(name, tau, value, shade, "points"))
     allan.append(Curve("corrected", tau, each.corrected.deviation / DEG_PER_H, BLACK))
-    # an interval of one degree of freedom is unbounded and would compress the plot
+    # The axis limits ignore the 95 % bands: with one degree of freedom a band is too wide to plot.
     values = [x.deviation / DEG_PER_H for x in (each.measured, each.smoothed, each.corrected)]
     limits = 0.4 * min(float(x[x > 0.0].min(initial=1.0)) for x in values), 3.0 * max(float(x.max()) for x in values)
     answer = each.recorded or each.computed
@@ -211,13 +211,13 @@ def _panels(time: FloatArray, each: GyroDrift) -> tuple[Panel, Panel, Panel]:
 def _rates(each: GyroDrift) -> Iterator[Panel]:
     answer = each.recorded or each.computed
     axis, time, colour = each.model.axis, answer.time, AXIS_COLOURS["xyz".index(each.model.axis)]
-    last = np.flatnonzero(np.abs(answer.rate - answer.rate[-1]) > 1e-6)
-    constant = slice(0 if not last.size else int(last[-1]) + 1, None)
+    before_end = np.flatnonzero(np.abs(answer.rate - answer.rate[-1]) > 1e-6)
+    constant = slice(0 if not before_end.size else int(before_end[-1]) + 1, None)
     start = int(np.argmax(answer.rate != 0.0))
-    seen = each.corrected_rate if answer.measured else answer.rate
+    unsmoothed = each.corrected_rate if answer.measured else answer.rate
     for key, title, rows in (("turning", "rate ramp", slice(start, None)), ("constant", "constant rate", constant)):
         shown = (
-            Curve("corrected" if answer.measured else "true", time[rows], seen[rows] / DEG, BLACK, "thin"),
+            Curve("corrected" if answer.measured else "true", time[rows], unsmoothed[rows] / DEG, BLACK, "thin"),
             Curve("smoothed", time[rows], answer.smoothed[rows] / DEG, colour),
         )
         if len(time[rows]) > 1 and answer.rate[-1] != 0.0:

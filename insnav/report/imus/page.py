@@ -1,4 +1,4 @@
-"""Real IMUs: a table of all, or one IMU with every figure and its source document."""
+"""Report of the library of real IMUs: a table of all, or one IMU with its figures and their source documents."""
 
 from __future__ import annotations
 
@@ -35,12 +35,12 @@ RULES = (
 
 
 def page(result: Result[tuple[Part, ...]]) -> Page:
-    """Lay out all parts, or the requested one."""
+    """Lay out the IMU named by the options, or a table of all IMUs."""
     return _part_page(result.found[0]) if result.options.get("name") else _parts_page(result.found)
 
 
 def frame(result: Result[tuple[Part, ...]]) -> DataFrame:
-    """Build a table of the effective figures, one row per part."""
+    """Build a table of the IMU figures that insnav uses, one row per IMU."""
     return rows_frame(map(_part_row, result.found))
 
 
@@ -54,7 +54,7 @@ def _part_row(part: Part) -> tuple[Quantity, ...]:
 
 
 def _parts_page(all_parts: Sequence[Part]) -> Page:
-    """List parts with their figures: turn-on bias, in-run bias and noise of both sensors."""
+    """Lay out a table of IMUs: turn-on bias, in-run bias and white noise of gyros and accelerometers."""
     classes = {grade: [part.name for part in all_parts if part.grade == grade] for grade in PRESETS}
     named = {grade: (Quantity("parts", names),) for grade, names in classes.items() if names}
     by_class = only_json("", parts=(one_each("classes", "", named),))
@@ -70,26 +70,26 @@ def _parts_page(all_parts: Sequence[Part]) -> Page:
 
 
 def _noise_section(shown: Sequence[Part]) -> Section:
-    """Draw in-run bias over white noise of the gyros by class; the other parts of the library are grey."""
+    """Draw gyro in-run bias over gyro white noise, a colour per IMU class; IMUs of the library not `shown` are grey."""
     names, keys, curves = {part.name for part in shown}, ("gyro.random_walk", "gyro.bias_instability"), []
     documented = [part for part in parts() if not {*keys} & {*part.missing}]
     for group, colour in {"others": GREY, **GRADES}.items():
-        own = [part for part in documented if group == (part.grade if part.name in names else "others")]
-        x, y = (np.array([_shown(part, key).facts().popitem()[1] for part in own]) for key in keys)
-        curves.append(Curve(group, x, y, colour, "points", text=tuple(part.name for part in own)))
+        of_class = [part for part in documented if group == (part.grade if part.name in names else "others")]
+        x, y = (np.array([_shown(part, key).facts().popitem()[1] for part in of_class]) for key in keys)
+        curves.append(Curve(group, x, y, colour, "points", text=tuple(part.name for part in of_class)))
     noise, bias = (f"{_HEADINGS[key]} [{shown_unit(_UNITS[key])}]" for key in keys)
     panel = Panel("noise", "Noise of the gyros", bias, noise, tuple(curves), log="xy", height=330)
     return drawn("noise", panel.title, (panel,))
 
 
 def _shown(part: Part, key: str) -> Quantity:
-    """Return the largest axis of an effective figure; empty without a figure."""
-    found = [float(figure.sd.max()) for figure in part.figures if figure.used and figure.key == key]
-    return Quantity(key.replace(".", "_"), found[0] if found else None, _UNITS[key], meaning=_HEADINGS[key])
+    """Build the quantity of the IMU figure that insnav uses for a key, of its largest axis; None without a figure."""
+    sizes = [float(figure.sd.max()) for figure in part.figures if figure.used and figure.key == key]
+    return Quantity(key.replace(".", "_"), sizes[0] if sizes else None, _UNITS[key], meaning=_HEADINGS[key])
 
 
 def _part_page(part: Part) -> Page:
-    """Lay out a part: every figure, its interpretation, and its source document."""
+    """Lay out one IMU: every figure, its interpretation, and its source document."""
     rows = tuple(_row(figure) for figure in part.figures if not figure.key.endswith("correlation_time"))
     missing = ", ".join(part.missing) or "none of the usual figures"
     about = of_table("imus.part", part, temperature=part.temperature or None, missing=missing, note=part.note or None)

@@ -1,4 +1,4 @@
-"""Report of a GNSS outage test; quantities and lines of windows without GPS, also for budgets."""
+"""Report of a GNSS outage test; its quantities and curves of windows without GPS also serve budget reports."""
 
 from __future__ import annotations
 
@@ -26,11 +26,12 @@ from insnav.sample_statistics import rms
 from insnav.types import FloatArray
 from insnav.units import UNITS
 
-_INSIDE, _FEW_INSIDE = 0.95, 0.8  # shares inside 3 sd: stated sd confirmed, or roughly right
-_LARGER = 1.25  # a larger ratio of RMS to predicted error is reported, whatever the share inside 3 sd
+# Share of the errors inside 3 sd: from the first limit the stated sd holds; below the second it is far too small.
+_INSIDE, _FEW_INSIDE = 0.95, 0.8
+_LARGER = 1.25  # the verdict mentions a larger ratio of RMS to predicted error, also if enough errors are inside 3 sd
 _MODES = ("", "smoothed ")
-_SAME = 0.98  # of an RMS error: above this share, the RMS without the variance of the reference is not mentioned
-STATISTICS = {  # of `Growth`: key and attribute
+_SAME = 0.98  # the RMS error without reference variance is mentioned up to this share of the measured RMS error
+STATISTICS = {  # key in JSON, and attribute of `Growth`
     "rms": "rms",
     "p95": "p95",
     "max": "largest",
@@ -49,13 +50,13 @@ _COMPONENTS = {
     "smoothed vertical": "m",
 }
 _UNFOLDED = ("horizontal", "smoothed horizontal")
-_POINTS = 24  # times of the statistics
+_POINTS = 24  # number of times in the panels
 NOTE = "all lines include errors of the reference"
 BELOW = "below reference noise"
 
 
 def page(result: Result[OutageStudy]) -> Page:
-    """Lay out an outage test."""
+    """Lay out a GNSS outage test: verdict, error growth without GPS, and a table per error component."""
     study = result.found
     name = str(Path(*Path(result.inputs["imu"].path).parts[-2:])) if "imu" in result.inputs else "a drive"
     rows = tuple(_row(each) for each in study.growth)
@@ -69,9 +70,9 @@ def page(result: Result[OutageStudy]) -> Page:
         np.array([each.start for each in study.windows]) if study.run is None else study.run.run.solution.time
     )
     title = f"Error without GPS against {study.reference}"
-    most, parts = max(each.length for each in study.windows), (("horizontal", (0, 1)), ("vertical", (2,)))
-    longest = [each for each in study.windows if each.length == most]
-    growing = layout.drawn("outages", title, (_panel(longest, study.growth, *part) for part in parts), NOTE)
+    longest_length, panels = max(each.length for each in study.windows), (("horizontal", (0, 1)), ("vertical", (2,)))
+    longest = [each for each in study.windows if each.length == longest_length]
+    growing = layout.drawn("outages", title, (_panel(longest, study.growth, *part) for part in panels), NOTE)
     return Page(
         f"GNSS outage test: {name}, {len(study.windows)} windows",
         (
@@ -95,49 +96,49 @@ def page(result: Result[OutageStudy]) -> Page:
 
 
 def _verdict(study: OutageStudy, notes: tuple[Finding, ...]) -> Verdict:
-    """Return the size of the errors in the longest outages, and whether the stated sd is reliable in all."""
-    found = study.growth[-1]
-    i, smoothed = found.column("horizontal"), found.column("smoothed horizontal")
-    both = [(each, lead) for each in study.growth for lead in _MODES]
-    few, length, mode = min((_inside(each, lead), each.length, lead) for each, lead in both)
+    """Rate an outage test: errors in the longest outages, and whether the stated sd holds for all lengths."""
+    growth = study.growth[-1]
+    column, smoothed = growth.column("horizontal"), growth.column("smoothed horizontal")
+    solutions = [(each, lead) for each in study.growth for lead in _MODES]
+    lowest, length, mode = min((_inside(each, lead), each.length, lead) for each, lead in solutions)
     ratio, longer, larger = max((ratio, each.length, name) for each in study.growth for ratio, name in _ratios(each))
-    share, errors = ("all", "errors") if few == 1.0 else (f"{100.0 * few:.0f} % or more", "of the errors")
-    light, words = ("good", "holds") if few >= _INSIDE else ("attention", "is too small")
-    if few < _FEW_INSIDE:
-        light, words = "bad", "is far too small"
-    reason = f"{100.0 * few:.0f} % of the {mode}errors after {length:g} s are inside 3 sd: the stated sd {words}"
+    share, errors = ("all", "errors") if lowest == 1.0 else (f"{100.0 * lowest:.0f} % or more", "of the errors")
+    light, holds = ("good", "holds") if lowest >= _INSIDE else ("attention", "is too small")
+    if lowest < _FEW_INSIDE:
+        light, holds = "bad", "is far too small"
+    reason = f"{100.0 * lowest:.0f} % of the {mode}errors after {length:g} s are inside 3 sd: the stated sd {holds}"
     if light == "good":
-        reason = f"{share} {errors} are inside 3 sd after every length: the stated sd {words}"
+        reason = f"{share} {errors} are inside 3 sd after every length: the stated sd {holds}"
     if light == "good" and ratio > _LARGER:
         light = "attention"
         reason = f"after {longer:g} s the {larger} errors are {ratio:.2f} times as large as predicted; "
         reason += f"{share} are inside 3 sd"
     text = (
-        f"After {found.length:g} s without GPS, the horizontal error is {number(float(found.rms[-1, i]))} m RMS."
-        f"{_less_reference(found, i)} The filter predicts {number(float(found.predicted[-1, i]))} m."
+        f"After {growth.length:g} s without GPS, the horizontal error is {number(float(growth.rms[-1, column]))} m RMS."
+        f"{_less_reference(growth, column)} The filter predicts {number(float(growth.predicted[-1, column]))} m."
     )
-    if np.isfinite(found.rms[-1, smoothed]):
-        text += f" Smoothing leaves {number(float(found.rms[-1, smoothed]))} m.{_less_reference(found, smoothed)}"
+    if np.isfinite(growth.rms[-1, smoothed]):
+        text += f" Smoothing leaves {number(float(growth.rms[-1, smoothed]))} m.{_less_reference(growth, smoothed)}"
     return layout.by_warnings(text, notes, (cast(Light, light), reason))
 
 
 def _less_reference(found: Growth, column: int) -> str:
-    """Describe the final RMS error after the reference variance is subtracted, if that changes it clearly."""
-    left, high = (float(each[-1, column]) for each in (found.corrected, found.high))
-    if left > _SAME * found.rms[-1, column]:
+    """Write the RMS error at the end without the variance of the reference; empty if that hardly changes it."""
+    corrected_rms, high = (float(each[-1, column]) for each in (found.corrected, found.high))
+    if corrected_rms > _SAME * found.rms[-1, column]:
         return ""
-    return f" Without the error of the reference, it is {corrected_text(left, np.nan, high)}."
+    return f" Without the error of the reference, it is {corrected_text(corrected_rms, np.nan, high)}."
 
 
 def _inside(found: Growth, mode: str) -> float:
-    """Return the share of a mode's errors inside 3 sd; 1 if unknown."""
+    """Return the share of North, East, Down errors at the end inside 3 sd; 1 if unknown. `mode`: of ``_MODES``."""
     shares = [float(found.inside[-1, found.column(f"{mode}{name}")]) for name in ("horizontal", "vertical")]
     share = (2.0 * shares[0] + shares[1]) / 3.0
     return share if np.isfinite(share) else 1.0
 
 
 def _ratios(found: Growth) -> list[tuple[float, str]]:
-    """Return final RMS errors of one length over predicted errors, both including the reference, with names."""
+    """Return ratio and name of each error at the end: RMS over predicted error, both with reference errors."""
     names = [f"{mode}{name}" for mode in _MODES for name in ("horizontal", "vertical")]
     rms, predicted = found.rms[-1], np.hypot(found.predicted[-1], found.reference[-1])
     ratio = np.divide(rms, predicted, out=np.zeros_like(rms), where=np.isfinite(rms) & (predicted > 0.0))
@@ -145,7 +146,7 @@ def _ratios(found: Growth) -> list[tuple[float, str]]:
 
 
 def _merits(found: Growth) -> tuple[Quantity, ...]:
-    """Build the figures of merit of the longest windows, as measured."""
+    """Build the figures of merit from the errors at the end of the longest windows, with reference errors."""
     wanted = (
         ("horizontal", found.rms, "horizontal, RMS"),
         ("horizontal", found.p95, "horizontal, 95 %"),
@@ -163,7 +164,7 @@ def _merits(found: Growth) -> tuple[Quantity, ...]:
 
 
 def _row(found: Growth) -> tuple[Quantity, ...]:
-    """Build the row of final errors for one window length."""
+    """Build the table row with the errors at the end of all windows of one length."""
     return (
         *of_table("outage.window", found, common_to_all_windows=float(found.common[-1, found.column("horizontal")])),
         *(Quantity(name.replace(" ", "_"), _statistics(found, name), unit) for name, unit in _COMPONENTS.items()),
@@ -171,13 +172,13 @@ def _row(found: Growth) -> tuple[Quantity, ...]:
 
 
 def _statistics(found: Growth, name: str) -> dict[str, float]:
-    """Return all statistics of a component at the end of the windows."""
+    """Return all statistics of an error component at the end of the windows, by key."""
     column = found.column(name)
     return {key: float(getattr(found, attribute)[-1, column]) for key, attribute in STATISTICS.items()}
 
 
 def _table(component: str, growth: Sequence[Growth]) -> Section:
-    """Build the table of one component, with a row per length; no rows if unknown."""
+    """Build the table of an error component with a row per window length; without rows if the error is unknown."""
     unit, at_end = _COMPONENTS[component], [_statistics(found, component) for found in growth]
     rows = tuple(
         (
@@ -198,27 +199,24 @@ def _table(component: str, growth: Sequence[Growth]) -> Section:
 
 
 def write_files(result: Result[OutageStudy], folder: RunFolder, table_format: TableFormat) -> None:
-    """Write every epoch of every window. `folder`: entered, not committed. `table_format` {"csv", "parquet"}."""
+    """Write a table with all epochs of all windows, and the events. `folder`: open, inside its ``with`` block."""
     write_run_table(folder.directory, OutageEpochs.of(result.found.windows), table_format, "windows")
     write_events(folder.directory, result.findings)
 
 
 def read_found(folder: Path, findings: Sequence[Finding]) -> OutageStudy:
-    """Read an outage test from its folder and recompute the statistics.
-
-    Raises: InputError: the table of windows is missing or damaged.
-    """
+    """Read an outage test and recompute its statistics. Raises: InputError: its table is missing or damaged."""
     windows = read_run_table(folder, OutageEpochs, "windows").windows()
     return OutageStudy(windows, tuple(outage_growth(windows)), str(read_facts(folder).get("reference", "a reference")))
 
 
 def frame(result: Result[OutageStudy]) -> DataFrame:
-    """Build a table of the errors at the end of the windows."""
+    """Build a table of the errors at the end of the windows, with a row per window length."""
     return layout.rows_frame(_row(each) for each in result.found.growth)
 
 
 def spread(time: FloatArray, errors: FloatArray) -> list[Curve]:
-    """Draw the median and the middle half and nine tenths of the errors ``(windows, n)`` without GPS."""
+    """Draw the distribution of errors ``(windows, n)`` over time: median, and bands with the middle 50 and 90 %."""
     low, first, middle, third, high = np.nanquantile(errors, (0.05, 0.25, 0.5, 0.75, 0.95), axis=0)
     wide, narrow = (f"middle {share} % of {len(errors)} windows" for share in (90, 50))
     bands = Curve(wide, time, high, GREY, "band", low), Curve(narrow, time, third, GREY, "band", first)
@@ -226,13 +224,13 @@ def spread(time: FloatArray, errors: FloatArray) -> list[Curve]:
 
 
 def power_lines(time: FloatArray, end: float, colour: str, least: float = 0.0) -> list[Curve]:
-    """Draw lines of pure t, t² and t³ to one end point, above the least visible error."""
+    """Draw guide lines that grow with t, t² and t³ to the error `end`, where they exceed 1.2 times `least`."""
     lines = []
     for label, power in (("t", 1.0), ("t²", 2.0), ("t³", 3.0)):
         line = end * (time / time[-1]) ** power
-        seen = line >= 1.2 * least
-        if seen.sum() > 1:
-            lines.append(Curve("", time[seen], line[seen], colour, "thin", text=(label,) * int(seen.sum())))
+        visible = line >= 1.2 * least
+        if visible.sum() > 1:
+            lines.append(Curve("", time[visible], line[visible], colour, "thin", text=(label,) * int(visible.sum())))
     return lines
 
 
@@ -245,16 +243,19 @@ def _panel(chosen: Sequence[Outage], sums: Sequence[Growth], name: str, columns:
         Curve("predicted sd, solution and reference", time, predicted, BLACK, "dashed"),
     ]
     smoothed = [(each.length, float(each.rms[-1, each.column(f"smoothed {name}")])) for each in sums]
-    known = np.array([pair for pair in smoothed if np.isfinite(pair[1])])
-    if len(known):
-        texts = tuple(f"smoothed, {length:g} s: {number(value)} m RMS" for length, value in known)
-        curves.append(Curve("smoothed, RMS", known[:, 0], known[:, 1], VERMILLION, "crosses", text=texts))
+    points = np.array([pair for pair in smoothed if np.isfinite(pair[1])])
+    if len(points):
+        texts = tuple(f"smoothed, {length:g} s: {number(value)} m RMS" for length, value in points)
+        curves.append(Curve("smoothed, RMS", points[:, 0], points[:, 1], VERMILLION, "crosses", text=texts))
     labels = f"{name.capitalize()} error without GPS", f"{name} error [m]", "time without GPS [s]"
     return Panel(f"outage_{name}", *labels, tuple(curves), "outage", NOTE, log="xy", height=280)
 
 
 def over_time(windows: Sequence[Outage], columns: tuple[int, ...]) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Compute errors of all windows and their predicted sd, with reference errors, at log-spaced times."""
+    """Compute n log-spaced times (n,) [s], error norms there (windows, n), and their predicted RMS sd (n,).
+
+    The predicted sd includes the sd of the reference.
+    """
     first = max(float(window.elapsed[0]) for window in windows)
     time = np.geomspace(max(first, 0.2), windows[0].length, _POINTS)
     size, sd = np.empty((len(windows), _POINTS)), np.empty((len(windows), _POINTS))
@@ -267,21 +268,21 @@ def over_time(windows: Sequence[Outage], columns: tuple[int, ...]) -> tuple[Floa
 
 
 def corrected(found: Growth, i: int, unit: str = "m") -> Quantity:
-    """Build the RMS error without the reference at the last time, with interval; in words if below noise."""
+    """Build the RMS error at the end without reference variance, with interval; in words if below reference noise."""
     low, high, meaning = float(found.low[-1, i]), float(found.high[-1, i]), "corrected (95 %)"
     if found.below_noise[-1, i]:
-        text = below_noise(high / UNITS[unit][1]).replace(" reference", "")  # for a table of 80 columns
+        text = below_noise(high / UNITS[unit][1]).replace(" reference", "")  # short, as the table has 80 characters
         return Quantity("rms_corrected", text, unit, meaning=meaning)
     return Quantity("rms_corrected", float(found.corrected[-1, i]), unit, interval=(low, high), meaning=meaning)
 
 
 def below_noise(high: float, unit: str = "") -> str:
-    """Write that an error is below the noise of the reference, with its upper limit in the display unit."""
+    """Write that an error is below the noise of the reference, with the upper limit `high` of the error."""
     return f"{BELOW} (< {number(high)}{unit})" if np.isfinite(high) and high > 0.0 else BELOW
 
 
 def corrected_text(value: float, low: float, high: float) -> str:
-    """Write an RMS error without the reference, possibly below its noise, with interval [m]."""
+    """Write an RMS error without reference variance and its interval [m]; in words if below the reference noise."""
     if not np.isfinite(value):
         return below_noise(high, " m")
     return f"{number(value)} m RMS" + (f" ({number(low)} … {number(high)} m)" if np.isfinite(low) else "")

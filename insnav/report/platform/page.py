@@ -1,4 +1,4 @@
-"""North-pointing platform report: track, gyro torquing rates, errors, and differences of integrators."""
+"""Report of navigation on a north-pointing gimballed platform: track, torquing rates, errors, integrators."""
 
 from __future__ import annotations
 
@@ -26,20 +26,17 @@ from insnav.result import Result
 from insnav.types import FloatArray
 from insnav.units import DEG, DEG_PER_H, UNITS
 
-_NEAR = 0.01  # of the closed form
+_NEAR = 0.01  # simulated errors agree with their closed form if they differ by less than this share of it [-]
 _ERRORS_TEXT = "heading error 1 arcmin, drifts of 0.01 deg/h, accelerometer biases of 50 µg"
 _MOTION = f"circles at {platform_errors.SPEED:g} m/s, {platform_errors.ROUND / 60:g} min a turn, latitude 45°"
 COLOURS: Mapping[Integrator, str] = {"forward": VERMILLION, "backward": PURPLE, "mean": BLUE, "fourth": GREEN}
-_STEPS = 6  # of the straight line: few and visible
-_SMALLEST = 1e-9  # of a logarithmic axis [m]: smaller values are rounding
+_STEPS = 6  # integration steps in the figure of y = 2x: few, so that single steps are visible
+_SMALLEST = 1e-9  # start of a logarithmic axis [m], [m/s]: smaller values are rounding errors
 _HOUR = 3600.0
 
 
 def write_files(result: Result[PlatformStudy | Demonstration], folder: RunFolder, table_format: TableFormat) -> None:
-    """Write solution, torquing rates, events and track of a record.
-
-    `folder`: entered, not committed. `table_format` {"csv", "parquet"}: of the solution.
-    """
+    """Write solution, torquing rates, events and track of a record. `folder`: open, inside its ``with`` block."""
     study, place = result.found, folder.directory
     if isinstance(study, PlatformStudy):
         write_run_table(place, study.run.solution, table_format)
@@ -49,9 +46,9 @@ def write_files(result: Result[PlatformStudy | Demonstration], folder: RunFolder
 
 
 def frame(result: Result[PlatformStudy | Demonstration]) -> DataFrame:
-    """Build a table of the solution; for the demonstration, of the integrators on known functions."""
-    found = result.found
-    return found.run.solution.to_frame() if isinstance(found, PlatformStudy) else rows_frame(_known(found.orders).rows)
+    """Build a table of the solution of a record; for the demonstration, of integrator errors on known functions."""
+    study = result.found
+    return study.run.solution.to_frame() if isinstance(study, PlatformStudy) else rows_frame(_known(study.orders).rows)
 
 
 def _name(result: Result[PlatformStudy | Demonstration]) -> str:
@@ -59,18 +56,18 @@ def _name(result: Result[PlatformStudy | Demonstration]) -> str:
 
 
 def _torquing_columns(study: PlatformStudy) -> dict[str, FloatArray]:
-    """Return columns of time, torquing rates and platform attitude error, by name with unit."""
+    """Return the columns of ``torquing.csv``: time, torquing rates, and the platform attitude error if simulated."""
     run = study.run
     rates, tilt = torquing_rates(run.solution) / DEG_PER_H, run.tilt / DEG
-    named = {"time_s": run.solution.time}
-    named |= {"torquing_e_deg_h": rates[:, 1], "torquing_n_deg_h": rates[:, 0], "torquing_u_deg_h": -rates[:, 2]}
+    columns = {"time_s": run.solution.time}
+    columns |= {"torquing_e_deg_h": rates[:, 1], "torquing_n_deg_h": rates[:, 0], "torquing_u_deg_h": -rates[:, 2]}
     if study.errors.any:
-        named |= {f"tilt_{axis}_deg": tilt[:, i] for i, axis in enumerate("ned")}
-    return {name: np.round(values, 9) + 0.0 for name, values in named.items()}
+        columns |= {f"tilt_{axis}_deg": tilt[:, i] for i, axis in enumerate("ned")}
+    return {name: np.round(values, 9) + 0.0 for name, values in columns.items()}
 
 
 def page(result: Result[PlatformStudy | Demonstration]) -> Page:
-    """Lay out a record integrated on a platform, or the demonstration."""
+    """Lay out the solution of a record on a platform, or the demonstration on simulated motions."""
     study = result.found
     if isinstance(study, Demonstration):
         return _demonstration(study)
@@ -125,32 +122,32 @@ def _differences(differences: Mapping[Integrator, TrajectoryErrors], *, to_refer
     sizes = [each.horizontal for each in differences.values()]
     ends, largest = [float(each[-1]) for each in sizes], [float(each.max()) for each in sizes]
     rows = of_columns("platform.difference", integrator=differences, horizontal=largest, end=ends, velocity=fastest)
-    which = "the reference" if to_reference else "fourth order"
+    against = "the reference" if to_reference else "fourth order"
     key = f"largest_difference_to_{'reference' if to_reference else platform_errors.AGAINST}"
     note = "on a platform without errors" if to_reference else ""
-    return Section(key, f"Horizontal difference to {which}", rows=rows, note=note, keyed=True)
+    return Section(key, f"Horizontal difference to {against}", rows=rows, note=note, keyed=True)
 
 
 def _errors(study: PlatformStudy, theory: StaticErrors | None) -> tuple[Section, ...]:
-    """Lay out the effect of platform errors, with the closed form if available."""
+    """Lay out the effect of platform errors on position and velocity, compared with the closed form if available."""
     run = study.run
-    off = ned_offset(run.solution.lla, run.undisturbed.lla)[:, :2]
-    speed = (run.solution.v_n - run.undisturbed.v_n)[:, :2]
+    pos = ned_offset(run.solution.lla, run.undisturbed.lla)[:, :2]
+    vel = (run.solution.v_n - run.undisturbed.v_n)[:, :2]
     items = [
         *of_table("platform.errors", study.errors),
-        Quantity("largest_position_error_n_e", np.abs(off).max(axis=0), "m"),
-        Quantity("position_error_at_the_end_n_e", off[-1], "m"),
+        Quantity("largest_position_error_n_e", np.abs(pos).max(axis=0), "m"),
+        Quantity("position_error_at_the_end_n_e", pos[-1], "m"),
     ]
     expected = (theory.position, theory.velocity) if theory else (None, None)
     if theory is not None:
         items.append(Quantity("largest_by_closed_form_n_e", np.abs(theory.position).max(axis=0), "m"))
-        largest = float(np.abs(off - theory.position).max())
+        largest = float(np.abs(pos - theory.position).max())
         items.append(Quantity("largest_difference_to_closed_form", largest, "m"))
     rows = []
-    for what, values, closed, unit in (("position", off, expected[0], "m"), ("velocity", speed, expected[1], "m/s")):
+    for quantity, values, closed, unit in (("position", pos, expected[0], "m"), ("velocity", vel, expected[1], "m/s")):
         for k, axis in enumerate(("north", "east")):
             row = [
-                Quantity("error", f"{axis} {what}"),
+                Quantity("error", f"{axis} {quantity}"),
                 Quantity("largest", float(np.abs(values[:, k]).max()), unit),
                 Quantity("end", float(values[-1, k]), unit, meaning="at the end"),
             ]
@@ -163,16 +160,16 @@ def _errors(study: PlatformStudy, theory: StaticErrors | None) -> tuple[Section,
     time = run.solution.time - run.solution.time[0]
     if theory is None or time[-1] < platform_errors.SHORTEST_RECORD * 86400.0 or lat == 0.0:
         return sections
-    return (*sections, _periods({"platform": off}, time, float(lat), float(height)))
+    return (*sections, _periods({"platform": pos}, time, float(lat), float(height)))
 
 
 def _demonstration(found: Demonstration) -> Page:
-    """Lay out the integrators against closed forms, and a platform against a strapdown navigator."""
+    """Lay out integrators compared with closed forms, and a platform compared with a strapdown navigator."""
     orders, flight, rest, turning = found.orders, found.flight, found.rest, found.turning
     theory = platform_errors.static_errors(rest.time, platform_errors.LAT, 0.0, platform_errors.ERRORS)
-    both = {"platform": turning.platform, "strapdown": turning.strapdown}
-    ends = {name: float(np.hypot(*error[-1, :2])) for name, error in both.items()}
-    apart = float(np.abs(rest.platform[:, :2] - theory.position).max() / np.abs(theory.position).max())
+    errors_of = {"platform": turning.platform, "strapdown": turning.strapdown}
+    ends = {name: float(np.hypot(*error[-1, :2])) for name, error in errors_of.items()}
+    difference = float(np.abs(rest.platform[:, :2] - theory.position).max() / np.abs(theory.position).max())
     at_rest, in_turns = "A day at rest, latitude 45°", "The same errors in a turning vehicle"
     drawings = (
         drawn("pattern", in_turns, (both_panel(turning, None, "pattern", in_turns, _MOTION),), _ERRORS_TEXT),
@@ -201,12 +198,12 @@ def _demonstration(found: Demonstration) -> Page:
                 Quantity(name, end, "m", meaning=f"{name} after {platform_errors.PATTERN / 3600:g} h of circles")
                 for name, end in ends.items()
             ),
-            Quantity("apart", 100.0 * apart, "", meaning="difference from the closed form at rest [%]", digits=2),
+            Quantity("apart", 100.0 * difference, "", meaning="difference from the closed form at rest [%]", digits=2),
             *(Quantity(each.integrator, each.order, meaning=f"order of {each.integrator}") for each in orders[1:]),
         ),
         verdict=Verdict(
-            "good" if apart < _NEAR else "bad",
-            f"at rest the platform is within {100.0 * apart:.2g} % of the closed form",
+            "good" if difference < _NEAR else "bad",
+            f"at rest the platform is within {100.0 * difference:.2g} % of the closed form",
             f"After {platform_errors.PATTERN / 3600:g} h of circles the position error of the platform is "
             f"{ends['platform'] / 1000:.2f} km, of the strapdown navigator {ends['strapdown'] / 1000:.2f} km.",
         ),
@@ -214,14 +211,14 @@ def _demonstration(found: Demonstration) -> Page:
 
 
 def _periods(records: Mapping[str, FloatArray], time: FloatArray, lat: float, height: float) -> Section:
-    """Tabulate periods measured in records (n, 2) of errors North, East [m] at rest, and theoretical periods."""
+    """Tabulate error oscillation periods: measured at rest in records (n, 2) North, East [m], and theoretical."""
     expected = platform_errors.periods(lat, height)
-    found = {name: platform_errors.measured_periods(time, position, lat, height) for name, position in records.items()}
+    fitted = {name: platform_errors.measured_periods(time, position, lat, height) for name, position in records.items()}
     rows = []
     for period, unit in (("Schuler", "min"), ("Foucault", "h"), ("Earth", "h")):
         theory = getattr(expected, period.lower())
         row = [Quantity("period", f"{period} [{unit}]"), Quantity("theory", theory / UNITS[unit][1], digits=6)]
-        for name, each in found.items():
+        for name, each in fitted.items():
             value = getattr(each, period.lower())
             mark = "" if value is None else f"({100.0 * (value / theory - 1.0):+.3f} %)"
             row.append(Quantity(name, None if value is None else value / UNITS[unit][1], digits=6, mark=mark))
@@ -240,8 +237,8 @@ def _flown(flight: Mapping[float, Sequence[TrajectoryErrors]]) -> Section:
     rows = []
     for i, name in enumerate(INTEGRATORS):
         row = [Quantity("integrator", name)]
-        for rate, found in flight.items():
-            position, velocity = float(found[i].horizontal.max()), float(np.abs(found[i].velocity).max())
+        for rate, errors in flight.items():
+            position, velocity = float(errors[i].horizontal.max()), float(np.abs(errors[i].velocity).max())
             row.append(Quantity(f"position_{rate:g}_Hz", position, "m", meaning=f"{rate:g} Hz"))
             row.append(Quantity(f"velocity_{rate:g}_Hz", velocity, "m/s", meaning=f"{rate:g} Hz"))
         rows.append(tuple(row))
@@ -260,24 +257,24 @@ def _day(rest: PlatformComparison, theory: StaticErrors) -> tuple[Section, ...]:
             span = float(np.ptp(error[:, k]))
             mark = "" if name == "closed form" else f"({100.0 * (span / size - 1.0):+.2f} %)"
             row.append(Quantity(name, span, "m", decimals=0, mark=mark))
-        apart = float(np.abs(rest.platform[:, k] - rest.strapdown[:, k]).max())
-        rows.append((*row, Quantity("apart", apart, "m", meaning="largest difference")))
+        difference = float(np.abs(rest.platform[:, k] - rest.strapdown[:, k]).max())
+        rows.append((*row, Quantity("apart", difference, "m", meaning="largest difference")))
     table = of_section("platform.day", rows, {"duration": platform_errors.DAY / 3600})
     return table, only_json("day_largest_n_e", *largest)
 
 
 def platform_track(study: PlatformStudy) -> Track:
-    """Draw the track of the platform, without its errors, and the reference if available, from above."""
+    """Draw a map: the solution, the solution without the platform's errors, and the reference if available."""
     solution, ref = study.run.solution, study.reference
-    others = [] if ref is None else [("reference", ref, GREY)]
+    other_tracks = [] if ref is None else [("reference", ref, GREY)]
     if study.errors.any:
-        others.append(("without the platform's errors", study.run.undisturbed, GREEN))
+        other_tracks.append(("without the platform's errors", study.run.undisturbed, GREEN))
 
     def on_map(lla: FloatArray) -> tuple[FloatArray, FloatArray]:
         north, east, _ = ned_offset(lla, solution.lla[0]).T
         return east, north
 
-    behind = tuple(Curve(name, *on_map(each.lla), colour=colour) for name, each, colour in others)
+    behind = tuple(Curve(name, *on_map(each.lla), colour=colour) for name, each, colour in other_tracks)
     shade = Shade("speed [m/s]", np.linalg.norm(solution.v_n[:, :2], axis=1))
     east, north = on_map(solution.lla)
     time = Clock.of(solution.time)(solution.time)
@@ -285,7 +282,7 @@ def platform_track(study: PlatformStudy) -> Track:
 
 
 def platform_velocity(run: PlatformRun) -> tuple[Panel, ...]:
-    """Draw velocity East, North, Up, and the height if it is computed."""
+    """Draw velocity East, North, Up, and height; without vertical channel only East and North."""
     v_n, computed = run.solution.v_n, run.vertical != "off"
     lines = [("east", v_n[:, 1], AXIS_COLOURS[0]), ("north", v_n[:, 0], AXIS_COLOURS[1])]
     lines += [("up", -v_n[:, 2], AXIS_COLOURS[2])] if computed else []
@@ -307,7 +304,7 @@ def torquing_panels(run: PlatformRun) -> tuple[Panel, ...]:
 
 
 def platform_error_panels(run: PlatformRun, theory: StaticErrors | None) -> Iterator[Panel]:
-    """Draw the effect of platform errors on position, velocity and platform attitude."""
+    """Draw the errors of position, velocity and platform attitude due to platform errors, and their closed form."""
     position = ned_offset(run.solution.lla, run.undisturbed.lla)[:, :2]
     velocity = (run.solution.v_n - run.undisturbed.v_n)[:, :2]
     arcmin = DEG / 60.0
@@ -321,9 +318,9 @@ def platform_error_panels(run: PlatformRun, theory: StaticErrors | None) -> Iter
     ]
     note = f"solution minus the same without the platform's errors{'; dashed: closed form' if theory else ''}"
     for panel, (*_, expected) in zip(over_time(run.solution.time, rows, note), blocks, strict=True):
-        at, closed = panel.curves[0].x, () if expected is None else expected.T
-        more = (Curve("closed form", at, y, BLACK, "dashed") for y in closed)
-        yield replace(panel, curves=(*panel.curves, *more))
+        x, closed_form = panel.curves[0].x, () if expected is None else expected.T
+        dashed = (Curve("closed form", x, y, BLACK, "dashed") for y in closed_form)
+        yield replace(panel, curves=(*panel.curves, *dashed))
 
 
 def both_panel(found: PlatformComparison, theory: StaticErrors | None, key: str, title: str, note: str) -> Panel:
@@ -338,7 +335,7 @@ def both_panel(found: PlatformComparison, theory: StaticErrors | None, key: str,
 
 
 def straight_panels() -> tuple[Panel, Panel]:
-    """Draw how forward, backward and mean integrate y = 2x, and their results."""
+    """Draw the areas that forward and backward integrators sum up for y = 2x, and the integrals of all integrators."""
     x = np.linspace(0.0, 3.0, _STEPS + 1)
     y = 2.0 * x
     steps = np.repeat(x, 2)[1:-1]
@@ -359,20 +356,21 @@ def straight_panels() -> tuple[Panel, Panel]:
 
 
 def convergence_panel(found: Sequence[Convergence]) -> Panel:
-    """Draw the error of each integrator on y = sin t over its step size."""
+    """Draw the largest error of each integrator on y = sin t over the step size, to show its order of convergence."""
     curves = []
     for each in found:
         name, colour = f"{each.integrator}: order {each.order:.2f}", COLOURS[each.integrator]
-        kind: Kind = "dashed" if each.integrator == "backward" else "line"  # on the line of forward
-        curves += [Curve(name, each.step, each.error, colour, how) for how in (kind, "points")]
+        # the line of backward is dashed, as it coincides with the line of forward
+        kind: Kind = "dashed" if each.integrator == "backward" else "line"
+        curves += [Curve(name, each.step, each.error, colour, line_kind) for line_kind in (kind, "points")]
     labels, note = ("Order of convergence on y = sin t", "largest error", "step [s]"), "of the integral from 0 to 5 s"
     return Panel("sine", *labels, tuple(curves), note=f"{note}; the slope is the order", log="xy", height=300)
 
 
 def flight_panel(found: Mapping[float, Sequence[TrajectoryErrors]], motion: str) -> Panel:
-    """Draw the position error of each integrator against truth at the middle one of the sampling rates.
+    """Draw the position error of each integrator on the simulated flight, at the middle of the sampling rates.
 
-    `found`: by sampling rate [Hz], in the order of `INTEGRATORS`.
+    `found`: errors by sampling rate [Hz], in the order of `INTEGRATORS`.
     """
     rate = sorted(found)[len(found) // 2]
     lines = {name: each.horizontal for name, each in zip(INTEGRATORS, found[rate], strict=True)}
@@ -382,13 +380,13 @@ def flight_panel(found: Mapping[float, Sequence[TrajectoryErrors]], motion: str)
 
 
 def difference_panels(differences: Mapping[Integrator, TrajectoryErrors], against: str) -> Iterator[Panel]:
-    """Draw the difference of the integrators from one of them, or from a reference."""
+    """Draw differences of the integrators, in position and velocity, from a reference or from one integrator."""
     time = next(iter(differences.values())).time
     clock = Clock.of(time)
-    for what, unit, size in (("Position", "m", lambda each: each.horizontal), ("Velocity", "m/s", speed_of)):
+    for quantity, unit, size in (("Position", "m", lambda each: each.horizontal), ("Velocity", "m/s", speed_of)):
         lines = {name: size(each) for name, each in differences.items()}
-        labels = f"{what} of the integrators against {against}", f"horizontal [{unit}]", clock.label
-        yield _differing(f"difference_{what}".lower(), labels, clock(time), lines)
+        labels = f"{quantity} of the integrators against {against}", f"horizontal [{unit}]", clock.label
+        yield _differing(f"difference_{quantity}".lower(), labels, clock(time), lines)
 
 
 def speed_of(errors: TrajectoryErrors) -> FloatArray:
@@ -400,9 +398,9 @@ def _differing(
     key: str, labels: tuple[str, str, str], at: FloatArray, lines: Mapping[Integrator, FloatArray], note: str = ""
 ) -> Panel:
     """Build a logarithmic panel with a line per integrator; backward, which may coincide with forward, is dashed."""
-    # they agree to the last bit, as at rest, if no top is above zero
+    # All lines may be exactly zero, as for a stationary vehicle; then the axis starts at its smallest value.
     tops = [float(line.max()) for line in lines.values() if line.size and line.max() > 0.0] or [_SMALLEST]
-    # powers of ten around the largest value of each line: errors start at zero, which has no logarithm
+    # The axis limits are powers of ten around the largest values: errors start at zero, which has no logarithm.
     low = 10.0 ** np.floor(np.log10(max(min(tops) / 100.0, _SMALLEST)))
     limits = low, max(100.0 * low, 10.0 ** np.ceil(np.log10(max(tops))))
     curves = tuple(

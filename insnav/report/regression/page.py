@@ -1,4 +1,4 @@
-"""Accuracy of this version against the last: page, terminal text, and README section."""
+"""Report of the accuracy of this version of insnav against a baseline: page, terminal text, Markdown section."""
 
 from __future__ import annotations
 
@@ -31,11 +31,11 @@ from insnav.sample_statistics import rms
 
 PAGE, SECTION = "accuracy.html", "accuracy.md"
 OVER_VERSIONS = ("cep50_m", "down_rms_m", "roll_pitch_rms_deg", "heading_rms_deg", "outage_60s_m", "nees_position")
-_WARNED = 3  # failing figures listed before the matrix
+_WARNED = 3  # largest number of failing figures with a warning of their own
 _IN_SECTION = ("accuracy_cep50_m", "accuracy_growth")
 PEERS = "The same drives by other programs"
-UNDETECTABLE = 10.0  # above this detectable change, the test shows nothing useful [%]
-OVERCONFIDENT = 1.25  # lower limit of the 95 % interval of NEES / 3 for over-confidence
+UNDETECTABLE = 10.0  # a test that detects only larger changes than this is useless [%]
+OVERCONFIDENT = 1.25  # a case is over-confident if the 95 % interval of its NEES / 3 lies above this value
 _POWER = {
     "north_rms_m": "N",
     "velocity_rms_m_s": "velocity",
@@ -53,7 +53,7 @@ HEADLINES = {
     "outage_60s_m": "60 s without GPS [m]",
 }
 
-# comparison rules of the figures
+# findings that explain how the figures of two versions are compared
 RULES = (
     Finding.of(Code.REGRESSION_PAIRED),
     Finding.of(Code.REGRESSION_HOLM, level=ALPHA),
@@ -64,7 +64,7 @@ RULES = (
 
 
 def page(result: Result[Regression]) -> Page:
-    """Lay out the accuracy of this version, and changes since the baseline."""
+    """Lay out the accuracy of this version on all cases, and its changes since the baseline."""
     found = result.found
     accuracy, baseline, comparison = found.accuracy, found.baseline, found.comparison
     first = []
@@ -109,15 +109,15 @@ def frame(result: Result[Regression]) -> DataFrame:
 
 
 def text(result: Result[Regression], width: int | None = None) -> str:
-    """Write the accuracy for the terminal: cases, changes, and the verdict."""
+    """Write the report for the terminal: accuracy of all cases, changes since the baseline, and the verdict."""
     found = result.found
     comparison, baseline = found.comparison, found.baseline
     lines = [*_text(case_section(found)), ""]
     if comparison is None or baseline is None:
         return "\n".join([*lines, translated("there is no baseline to compare with: --update-baseline makes one")])
     for name in ("better", "worse"):
-        chosen = [change for change in comparison.changes if change.verdict == name and not change.fails]
-        lines += [entry(name, change_text(change)) for change in chosen]
+        changes = [change for change in comparison.changes if change.verdict == name and not change.fails]
+        lines += [entry(name, change_text(change)) for change in changes]
     lines += _notes(baseline)
     lines += [entry("apart", sentence(each)) for each in comparison.apart.values()]
     lines += [entry("BROKEN", sentence(each)) for each in comparison.broken.values()]
@@ -130,7 +130,7 @@ def _text(section: Section) -> list[str]:
 
 
 def _drawings(found: Regression) -> tuple[Section, ...]:
-    """Build figure sections: over versions, error growth, predicted against actual error; empty without data."""
+    """Build the figures: accuracy over versions, error growth, actual over predicted error; without data, none."""
     history, baseline, cases = found.history, found.baseline, found.accuracy.cases
     note = (
         f"with 95 % intervals. Grey: the baseline and {100 * FAILS_FROM:g} % about it. Crosses: from here on better "
@@ -154,7 +154,7 @@ def _drawings(found: Regression) -> tuple[Section, ...]:
 
 
 def _warnings(found: Regression) -> Iterator[Finding]:
-    """Yield failures, changes first, and figures without comparison."""
+    """Yield warnings: failing figures, broken cases, cases that could not be compared, skipped cases."""
     comparison = found.comparison
     if comparison is not None:
         yield from map(_failing, comparison.failing[:_WARNED])
@@ -177,7 +177,7 @@ def _sentences(findings: Mapping[str, Finding]) -> dict[str, str]:
 
 
 def _verdict(found: Regression) -> Verdict:
-    """Return whether this version equals the baseline, as far as the corpus can detect."""
+    """Rate this version: whether a figure is worse than in the baseline, as far as the drives can show it."""
     comparison, baseline = found.comparison, found.baseline
     if comparison is None or baseline is None:
         return Verdict("unknown", "there is no baseline", "Nothing to compare with: --update-baseline makes one.")
@@ -192,11 +192,11 @@ def _verdict(found: Regression) -> Verdict:
 
 
 def verdict_text(comparison: Comparison, then: Origin) -> str:
-    """Summarise a comparison in a sentence."""
+    """Summarise the comparison with the baseline `then` in a sentence: numbers of better and worse figures."""
     better, worse = (sum(change.verdict == name for change in comparison.changes) for name in ("better", "worse"))
-    which = f"version {then.version} ({then.commit or 'no commit'}, {then.date})"
+    version = f"version {then.version} ({then.commit or 'no commit'}, {then.date})"
     outcome = "passed" if comparison.passed else f"FAILED: {len(comparison.failing) + len(comparison.broken)}"
-    return f"{outcome}: {better} better, {worse} worse of {panels.figures_tested(comparison)} figures against {which}"
+    return f"{outcome}: {better} better, {worse} worse of {panels.figures_tested(comparison)} figures against {version}"
 
 
 def _merits(found: Regression) -> tuple[Quantity, ...]:
@@ -236,56 +236,56 @@ def case_section(found: Regression) -> Section:
 
 
 def change_text(change: Change) -> str:
-    """Write one change in a line, with size and significance."""
+    """Write the change of one figure in a line, with its relative size and its p value."""
     if change.metric.kind == "cpu":
         return panels.change_head(change, translated(f"{change.shift.change + 1.0:.1f} times"))
     return panels.change_head(change, f"{100.0 * change.shift.change:+.1f} %, p {change.adjusted:.1g}")
 
 
 def change_rows(changes: Sequence[Change]) -> tuple[tuple[Quantity, ...], ...]:
-    """Build one row per change."""
+    """Build a table row for each changed figure."""
     return tuple(of_table("regression.change", change) for change in changes)
 
 
 def power_section(baseline: Baseline) -> Section:
-    """Tabulate the smallest change of each figure detectable in `POWER` of all cases, by the drives' scatter."""
+    """Tabulate the change of each figure that is detected with probability `POWER`, from the scatter of the drives."""
     tests = sum(key != "cpu_ratio" for case in baseline.cases.values() for key in case.measured.values)
     rows = []
     for name, case in baseline.cases.items():
         for key, values in case.measured.values.items():
             if key == "cpu_ratio" or key not in BY_KEY:
                 continue
-            known = values[np.isfinite(values)]
-            least = detectable_apart(known, BY_KEY[key], pieces=case.pieces, tests=tests)
+            finite = values[np.isfinite(values)]
+            least = detectable_apart(finite, BY_KEY[key], pieces=case.pieces, tests=tests)
             row = Quantity("case", name), Quantity("metric", key, meaning=BY_KEY[key].label)
-            drives = Quantity("drives", known.size, meaning="pieces" if case.pieces else "drives")
+            drives = Quantity("drives", finite.size, meaning="pieces" if case.pieces else "drives")
             rows.append((*row, drives, Quantity("detectable", least if least <= UNDETECTABLE else None, "%")))
     return of_section("regression.power", rows, {"power": 100 * POWER, "level": ALPHA})
 
 
 def power_lines(baseline: Baseline) -> list[str]:
-    """Write the power of every case in a few columns, and cases with over-confident baseline."""
+    """Write a short table of the detectable changes of every case, then notes on over-confident baseline cases."""
     section = power_section(baseline)
-    found: dict[str, dict[str, Any]] = {}
-    for case, metric, _, least in section.rows:
-        found.setdefault(str(case.value), {})[str(metric.value)] = least.value
+    detectable: dict[str, dict[str, Any]] = {}
+    for case, metric, _, change in section.rows:
+        detectable.setdefault(str(case.value), {})[str(metric.value)] = change.value
     rows = tuple(
         (Quantity("case", name), *(Quantity(key, values.get(key), "%", meaning=label) for key, label in _POWER.items()))
-        for name, values in found.items()
+        for name, values in detectable.items()
     )
     return [*_text(replace(section, rows=rows)), "", *_notes(baseline)]
 
 
 def overconfident(baseline: Baseline) -> Iterator[Finding]:
-    """Yield baseline cases whose errors exceed their stated sd: they are no standard for comparison."""
+    """Yield a finding for each baseline case whose errors exceed the stated sd: it is no standard for comparison."""
     for name, case in baseline.cases.items():
         for key in ("nees_position", "nees_velocity", "nees_attitude"):
             if key not in case.measured.values:
                 continue
             middle, low, _ = interval(case.measured.values[key], BY_KEY[key], pieces=case.pieces)
             if low > OVERCONFIDENT:
-                over, label = Code.REGRESSION_OVERCONFIDENT, BY_KEY[key].label
-                yield Finding.of(over, subject=name, nees=middle, low=low, limit=OVERCONFIDENT, metric=label)
+                code, label = Code.REGRESSION_OVERCONFIDENT, BY_KEY[key].label
+                yield Finding.of(code, subject=name, nees=middle, low=low, limit=OVERCONFIDENT, metric=label)
 
 
 def _notes(baseline: Baseline) -> list[str]:
@@ -293,7 +293,7 @@ def _notes(baseline: Baseline) -> list[str]:
 
 
 def write_pages(folder: Path, result: Result[Regression]) -> list[Path]:
-    """Draw everything into a folder; files of equal names are replaced."""
+    """Write figures, HTML page and Markdown section into a folder; files of equal names are replaced."""
     shown = page(result)
     with writing("output.file_unwritable", folder), drawing():
         folder.mkdir(parents=True, exist_ok=True)
@@ -308,7 +308,7 @@ def write_pages(folder: Path, result: Result[Regression]) -> list[Path]:
 
 
 def markdown(found: Regression, pictures: Sequence[tuple[str, str]], kept: Sequence[str] = ()) -> str:
-    """Write the README section: plots and tables in Markdown. `kept`: earlier lines of other programs."""
+    """Write the Markdown section: plots, table, rules. `kept`: lines on other programs from an earlier section."""
     lines = ["# Accuracy on the corpus", "", made_line(found.origin), ""]
     for caption, name in pictures:
         lines += [f"![{caption}]({name})", ""]
@@ -325,12 +325,12 @@ def markdown_table(section: Section) -> list[str]:
 
 
 def peers_of(text: str) -> list[str]:
-    """Return the lines about other programs in such a section."""
-    found = re.search(rf"^## {PEERS}\n.*?(?=^## |^- |\Z)", text, re.DOTALL | re.MULTILINE)
-    return found[0].splitlines() if found else []
+    """Return the lines about other programs from the text of a Markdown section."""
+    match = re.search(rf"^## {PEERS}\n.*?(?=^## |^- |\Z)", text, re.DOTALL | re.MULTILINE)
+    return match[0].splitlines() if match else []
 
 
 def made_line(now: Origin, command: str = "insnav regress --plot") -> str:
-    """Write which version made the figures, when, where and by which command."""
+    """Write which version of insnav made the figures, when, on which computer, and by which command."""
     commit = f", commit {now.commit}" if now.commit else ""
     return f"Version {now.version}{commit}, {now.date}, {now.computer}; made by `{command}`."

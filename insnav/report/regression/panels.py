@@ -20,10 +20,10 @@ from insnav.report.run.panels import GROUPS
 from insnav.report.style import AXIS_COLOURS, BLACK, BLUE, GREEN, GREY, SKY, VERMILLION, number
 from insnav.types import BoolArray, FloatArray
 
-COLUMNS = 4  # of panels side by side
-_TICKS = 5  # version labels below a panel, at most
-_VERSIONS, _DRIVES = 8, 40  # shown of a history, and of the drives in a cell's details
-_STEPS = (0.05, 0.2)  # relative changes with stronger colours
+COLUMNS = 4  # number of panels side by side
+_TICKS = 5  # largest number of version labels below a panel
+_VERSIONS, _DRIVES = 8, 40  # largest numbers of versions and of drives in the details of a matrix cell
+_STEPS = (0.05, 0.2)  # relative changes from which the colour of a cell becomes stronger [-]
 TONES = (
     ("better3", "better by 20 %"),
     ("better2", "5 %"),
@@ -45,30 +45,30 @@ def change_head(change: Change, size: str = "") -> str:
 
 
 def figures_tested(comparison: Comparison) -> int:
-    """Count the simultaneous tests."""
+    """Count the statistical tests of a comparison: one per figure, except for computing times."""
     return sum(change.metric.kind != "cpu" for change in comparison.changes)
 
 
 def is_unclear(change: Change, tests: int) -> bool:
-    """Return whether a relevant change may be undetected: neither found nor likely to be found."""
+    """Return whether a change may be undetected: none is significant, and only changes above `FAILS_FROM` would be."""
     if change.verdict != "same" or change.metric.kind == "cpu":
         return False
     return detectable(change.shift, tests) > FAILS_FROM
 
 
 def unclear_changes(comparison: Comparison) -> int:
-    """Count the possibly undetected changes."""
+    """Count the figures with a possibly undetected change; see `is_unclear`."""
     return sum(is_unclear(change, figures_tested(comparison)) for change in comparison.changes)
 
 
 def change_matrix(result: Accuracy, comparison: Comparison, baseline: Baseline, history: Sequence[Entry]) -> Matrix:
-    """Build the matrix of cases and figures: change since the baseline, with history and drives as details."""
-    tests, found = figures_tested(comparison), {(each.case, each.metric.key): each for each in comparison.changes}
-    metrics = [metric for metric in METRICS if any(key == metric.key for _, key in found)]
-    names = [name for name in result.cases if any(case == name for case, _ in found)]
+    """Build a matrix of changes since the baseline, a row per case, a column per figure; details on history, drives."""
+    tests, changes = figures_tested(comparison), {(each.case, each.metric.key): each for each in comparison.changes}
+    metrics = [metric for metric in METRICS if any(key == metric.key for _, key in changes)]
+    names = [name for name in result.cases if any(case == name for case, _ in changes)]
 
     def cell(row: int, column: int) -> Cell | None:
-        change = found.get((names[row], metrics[column].key))
+        change = changes.get((names[row], metrics[column].key))
         behind = () if change is None else _behind(change, result, baseline, history)
         return None if change is None else _cell(change, tests, f"cell-{row}-{column}", behind)
 
@@ -97,32 +97,32 @@ def _tone(change: Change, tests: int) -> str:
 
 
 def _behind(change: Change, result: Accuracy, baseline: Baseline, history: Sequence[Entry]) -> tuple[Table, ...]:
-    """Tabulate history over versions, and drives, of one figure of one case."""
+    """Build the details of a matrix cell: the figure over the versions, and of every drive in baseline and now."""
     name, metric = change.case, change.metric
     rows = []
     for each in list(history)[-_VERSIONS:]:
         value = each.metrics.get(name, {}).get(metric.key)
         if value is None:
             continue
-        known = f"{number(value[1])} … {number(value[2])}" if value[1] is not None and np.isfinite(value[1]) else "–"
-        same = "" if each.digests.get(name) == result.cases[name].digest else "another case"
-        verdict = each.verdicts.get(name, {}).get(metric.key, "") or same
-        rows.append((each.origin.version, each.origin.date[:10], number(value[0]), known, verdict))
+        interval = f"{number(value[1])} … {number(value[2])}" if value[1] is not None and np.isfinite(value[1]) else "–"
+        remark = "" if each.digests.get(name) == result.cases[name].digest else "another case"
+        verdict = each.verdicts.get(name, {}).get(metric.key, "") or remark
+        rows.append((each.origin.version, each.origin.date[:10], number(value[0]), interval, verdict))
     tables = []
     if rows:
         label = f"{metric.label} [{metric.unit}]" if metric.unit else metric.label
         tables.append(Table("over the versions", ("version", "date", label, "95 %", ""), tuple(rows)))
     old, new = (each[name].measured.values[metric.key] for each in (baseline.cases, result.cases))
-    what = "piece" if result.cases[name].pieces else "drive"
+    sample = "piece" if result.cases[name].pieces else "drive"
     pairs = list(zip(old.tolist(), new.tolist(), strict=False))[:_DRIVES]
-    columns = (what, *(str(k) for k in range(1, len(pairs) + 1)))
+    columns = (sample, *(str(k) for k in range(1, len(pairs) + 1)))
     then, now = (tuple(number(each) for each in side) for side in zip(*pairs, strict=True))
-    return (*tables, Table(f"{what}s, baseline and now", columns, (("baseline", *then), ("now", *now))))
+    return (*tables, Table(f"{sample}s, baseline and now", columns, (("baseline", *then), ("now", *now))))
 
 
 def history_panels(history: Sequence[Entry], baseline: Baseline | None, metric: Metric) -> Iterator[Panel]:
-    """Draw one figure of merit over the versions, with interval and baseline."""
-    last, place = history[-1], np.arange(len(history), dtype=np.float64)
+    """Draw one figure of merit over the versions, a panel per case, with 95 % intervals and the baseline."""
+    last, x = history[-1], np.arange(len(history), dtype=np.float64)
     versions = [each.origin.version for each in history]
     first = [i for i, name in enumerate(versions) if i == 0 or name != versions[i - 1]]
     shown = first if len(first) <= _TICKS else [first[k] for k in np.linspace(0, len(first) - 1, _TICKS).astype(int)]
@@ -130,40 +130,42 @@ def history_panels(history: Sequence[Entry], baseline: Baseline | None, metric: 
     for name, metrics in last.metrics.items():
         if metric.key not in metrics:
             continue
-        curves = _versions(history, place, name, metric)
+        curves = _versions(history, x, name, metric)
         old = None if baseline is None else baseline.cases.get(name)
         if old is not None and old.digest == last.digests.get(name) and metric.key in old.measured.values:
             level = np.full(2, metric.typical(old.measured.values[metric.key]))
             curves.insert(0, Curve("", ends, (1 + FAILS_FROM) * level, GREY, "band", (1 - FAILS_FROM) * level))
             curves.append(Curve("", ends, level, GREY, "dashed"))
-        seen = np.concatenate([edge for each in curves for edge in (each.y, each.y if each.low is None else each.low)])
-        low, high = float(np.nanmin(seen)), float(np.nanmax(seen))
+        drawn = np.concatenate([edge for each in curves for edge in (each.y, each.y if each.low is None else each.low)])
+        low, high = float(np.nanmin(drawn)), float(np.nanmax(drawn))
         span = high - low or abs(high) or 1.0
         limits = max(0.0, low - 0.25 * span), high + 0.15 * span
         yield Panel(name, name, "", "version", tuple(curves), "versions", limits=limits, ticks=ticks, height=135)
 
 
 def _versions(history: Sequence[Entry], place: FloatArray, name: str, metric: Metric) -> list[Curve]:
-    """Draw one case over the versions, interrupted at case changes; mark significant changes."""
+    """Draw a figure of one case over the versions, with a gap where the case was changed; mark significant changes."""
     unknown = (np.nan, np.nan, np.nan)
     value = np.array([each.metrics.get(name, {}).get(metric.key, unknown) for each in history], dtype=np.float64)
     digests = [each.digests.get(name) for each in history]
+    # a line of its own for each stretch of versions in which the case did not change
     starts = [0, *(i for i in range(1, len(history)) if digests[i] != digests[i - 1]), len(history)]
     curves = []
     for start, end in pairwise(starts):
-        at, (middle, low, high) = place[start:end], value[start:end].T
-        bars = np.column_stack((low, high, np.full(len(at), np.nan))).ravel()
-        curves.append(Curve("", np.repeat(at, 3), bars, BLUE, "thin"))
-        curves += [Curve("", at, middle, BLUE, "line"), Curve("", at, middle, BLUE, "points")]
+        x, (middle, low, high) = place[start:end], value[start:end].T
+        bars = np.column_stack((low, high, np.full(len(x), np.nan))).ravel()
+        curves.append(Curve("", np.repeat(x, 3), bars, BLUE, "thin"))
+        curves += [Curve("", x, middle, BLUE, "line"), Curve("", x, middle, BLUE, "points")]
     for verdict, colour in (("better", GREEN), ("worse", VERMILLION)):
-        now_so = [each.verdicts.get(name, {}).get(metric.key) == verdict for each in history]
-        begun = [i for i, now in enumerate(now_so) if now and not (i and now_so[i - 1])]
+        has_verdict = [each.verdicts.get(name, {}).get(metric.key) == verdict for each in history]
+        # only the first version of a series with equal verdicts is marked
+        begun = [i for i, now in enumerate(has_verdict) if now and not (i and has_verdict[i - 1])]
         curves.append(Curve("", place[begun], value[begun, 0], colour, "crosses"))
     return curves
 
 
 def growth_panels(cases: Mapping[str, CaseResult], baseline: Baseline | None) -> list[Panel]:
-    """Draw the error without GPS over time, now and in the baseline."""
+    """Draw the RMS error without GPS over time, now and in the baseline, a panel per case."""
     panels: list[Panel] = []
     for name, case in cases.items():
         if not case.measured.growth[:, 0].any():
@@ -172,11 +174,11 @@ def growth_panels(cases: Mapping[str, CaseResult], baseline: Baseline | None) ->
         grown = [("predicted now", case.measured.growth, 2, SKY), ("now", case.measured.growth, 1, BLUE)]
         if old is not None and old.digest == case.digest:
             grown.append(("baseline", old.measured.growth, 1, BLACK))
-        curves = tuple(  # named in the first panel alone
+        curves = tuple(  # only curves of the first panel have names: one legend serves all panels
             Curve(
-                "" if panels else each, np.array(GROWTH), _grown(of, i), colour, "dashed" if colour == BLACK else "line"
+                "" if panels else label, np.array(GROWTH), _grown(sums, i), tint, "dashed" if tint == BLACK else "line"
             )
-            for each, of, i, colour in grown
+            for label, sums, i, tint in grown
         )
         panels.append(Panel(name, name, "error [m]", "time without GPS [s]", curves, "growth", log="xy"))
     return panels
@@ -188,11 +190,11 @@ def _grown(growth: FloatArray, column: int) -> FloatArray:
 
 
 def fitted(predicted: FloatArray, actual: FloatArray) -> tuple[Any, float] | None:
-    """Regress log actual error on log predicted error; return the line and half the interval of its slope.
+    """Regress log actual on log predicted errors (n,), all above zero; None for fewer than three points.
 
-    `predicted`, `actual` (n,): above zero.
+    Returns: the line, and half the width of the 95 % interval of its slope.
     """
-    from scipy.stats import linregress  # slow import
+    from scipy.stats import linregress  # imported here, as the import is slow
 
     if len(predicted) < 3 or np.ptp(predicted) == 0.0:
         return None
@@ -201,24 +203,21 @@ def fitted(predicted: FloatArray, actual: FloatArray) -> tuple[Any, float] | Non
 
 
 def predicted_panels(cases: Mapping[str, CaseResult]) -> Iterator[Panel]:
-    """Draw the actual error over the predicted standard deviation, with the regression line.
-
-    `cases`: each gives eight points per axis, one per part of its drives.
-    """
-    known = [case.measured.spread for case in cases.values() if case.measured.values]
-    for i, (title, unit, _, names) in enumerate(GROUPS if known else ()):
-        part = np.sqrt(np.concatenate(known))[:, 3 * i : 3 * i + 3]
-        usable: BoolArray = np.logical_and.reduce(np.isfinite(part) & (part > 0.0), axis=2)
-        predicted = part[:, :, 1][usable]
+    """Draw the actual error over the predicted standard deviation, with the regression line; eight points per case."""
+    spreads = [case.measured.spread for case in cases.values() if case.measured.values]
+    for i, (title, unit, _, names) in enumerate(GROUPS if spreads else ()):
+        errors = np.sqrt(np.concatenate(spreads))[:, 3 * i : 3 * i + 3]
+        usable: BoolArray = np.logical_and.reduce(np.isfinite(errors) & (errors > 0.0), axis=2)
+        predicted = errors[:, :, 1][usable]
         ends = np.array([predicted.min(), predicted.max()]) if usable.any() else np.array([0.1, 1.0])
         curves = [
-            Curve(name, part[usable[:, k], k, 1], part[usable[:, k], k, 0], colour, "points")
+            Curve(name, errors[usable[:, k], k, 1], errors[usable[:, k], k, 0], colour, "points")
             for k, (name, colour) in enumerate(zip(names, AXIS_COLOURS, strict=True))
         ]
-        found, head = fitted(predicted, part[:, :, 0][usable]), title
+        regression, head = fitted(predicted, errors[:, :, 0][usable]), title
         curves.append(Curve("right", ends, ends, GREY))
-        if found is not None:
-            line, half = found
+        if regression is not None:
+            line, half = regression
             curves.append(Curve("regression", ends, 10.0**line.intercept * ends**line.slope, BLACK))
             interval = f"{line.slope - half:.2f} to {line.slope + half:.2f}"
             head = f"{title}: slope {line.slope:.2f} ({interval}), R² {line.rvalue**2:.2f}"

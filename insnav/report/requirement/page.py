@@ -1,4 +1,4 @@
-"""Report of a requirement: allowed size of each error, and IMUs that meet it."""
+"""Report of a requirement on the position error: allowed size of each sensor error, and IMUs that meet it."""
 
 from __future__ import annotations
 
@@ -20,15 +20,15 @@ from insnav.result import Result
 from insnav.types import FloatArray
 from insnav.units import UNITS, shown_unit
 
-LINES = (BLUE, VERMILLION, GREEN, PURPLE, ORANGE, SKY)  # of parts with an entry of their own
-SMALLEST = 0.01  # end of the error axis [m]
-NAMED = 6  # parts with separate entries: nearest to the limit
-_NEAR = 10  # parts of the short table, and its columns
-_BRIEF = ("part", "class", "alone_error", "alone_meets", "nhc_error", "nhc_meets")
+LINES = (BLUE, VERMILLION, GREEN, PURPLE, ORANGE, SKY)  # line colours of the IMUs that the legend names
+SMALLEST = 0.01  # lower end of the error axis [m]
+NAMED = 6  # number of IMUs that the legend names: the nearest to the limit
+_NEAR = 10  # number of IMUs in the short table: the nearest to the limit
+_BRIEF = ("part", "class", "alone_error", "alone_meets", "nhc_error", "nhc_meets")  # columns of the short table
 
 
 def page(result: Result[RequirementStudy]) -> Page:
-    """Lay out a requirement."""
+    """Lay out a requirement study: allowed errors, real IMUs, simulated runs, and improvements of an example IMU."""
     study = result.found
     title = f"Allocation: {study.required.text}"
     how = "alone: this error and no other; in the set: all at once"
@@ -52,14 +52,14 @@ def page(result: Result[RequirementStudy]) -> Page:
 
 
 def frame(result: Result[RequirementStudy]) -> DataFrame:
-    """Build a table of the real IMUs, or of the allocation without them."""
+    """Build a table of the real IMUs in the study; without real IMUs, of the allowed size of each error."""
     study = result.found
     parts = tuple(_part(study, each) for each in study.candidates)
     return rows_frame(parts or _rows(study))
 
 
 def _met(study: RequirementStudy, kind: str, *answers: str) -> list[str]:
-    """List the parts with these answers to the requirement, by default any, the least accurate first."""
+    """List the IMUs that meet the requirement with one of `answers`, by default yes or likely; least accurate first."""
     wanted = answers or ("yes", "likely")
     return [each.name for each in study.candidates if getattr(each, kind).answer in wanted][::-1]
 
@@ -79,33 +79,33 @@ def _verdict(study: RequirementStudy) -> Verdict | None:
 
 def _merits(study: RequirementStudy) -> tuple[Quantity, ...]:
     shares = {share.family: share for share in study.allocation.shares}
-    chosen = ("gyro bias", "gyro white noise", "accel bias", "accel white noise")
-    found = tuple(
+    families = ("gyro bias", "gyro white noise", "accel bias", "accel white noise")
+    sizes = tuple(
         Quantity(name.replace(" ", "_"), shares[name].size, shares[name].unit, meaning=f"{name} in the set")
-        for name in chosen
+        for name in families
         if study.allocation.feasible
     )
     counts = (
         Quantity("parts_alone", len(_met(study, "alone")), meaning="IMUs that meet it without aiding, or likely do"),
         Quantity("parts_nhc", len(_met(study, "nhc")), meaning="with NHC, or likely do"),
     )
-    return (*counts, *found) if study.candidates else found
+    return (*counts, *sizes) if study.candidates else sizes
 
 
 def _answer(study: RequirementStudy) -> str:
-    """Write the parts that meet the requirement in a sentence, with likely ones marked as such."""
+    """Write how many IMUs meet the requirement, alone and with NHC, and the least accurate of them, in a sentence."""
     alone, aided = _met(study, "alone"), _met(study, "nhc")
-    more = [name for name in aided if name not in alone]
+    nhc_only = [name for name in aided if name not in alone]
     count, required = len(study.candidates), study.required
     text = f"{len(_met(study, 'alone', 'yes'))} of {count} IMUs stay within {required.error:g} m for "
     text += f"{required.after:g} s alone{_likely(study, 'alone')}"
     text += f", the least accurate of them {', '.join(alone[:3])}" if alone else ""
     text += f"; {len(_met(study, 'nhc', 'yes'))} with NHC{_likely(study, 'nhc')}"
-    return text + (f", the least accurate {', '.join(more[:3])}." if more else ".")
+    return text + (f", the least accurate {', '.join(nhc_only[:3])}." if nhc_only else ".")
 
 
 def _likely(study: RequirementStudy, kind: str) -> str:
-    """Write the number of parts that also meet it with class figures for undocumented ones."""
+    """Write how many more IMUs meet the requirement if class figures replace undocumented ones; empty for none."""
     count = len(_met(study, kind, "likely"))
     return f" and {count} others likely do (with class figures for missing ones)" if count else ""
 
@@ -118,42 +118,42 @@ def _parts(study: RequirementStudy) -> tuple[Section, ...]:
         "figures better than their class. Times: when the error exceeds 1, 10, 100 m"
         + f" (– : not within {study.time[-1]:g} s). Missing: usual figures without a document, see insnav imus PART."
     )
-    near, every = nearest(study, _NEAR), tuple(_part(study, each) for each in study.candidates)
+    near, all_rows = nearest(study, _NEAR), tuple(_part(study, each) for each in study.candidates)
     brief = tuple(tuple(one for one in _part(study, each) if one.key in _BRIEF) for each in near)
-    of = f", the {len(near)} of {len(study.candidates)} nearest to it" if len(near) < len(study.candidates) else ""
+    subset = f", the {len(near)} of {len(study.candidates)} nearest to it" if len(near) < len(study.candidates) else ""
     return (
         drawn("parts", f"Real IMUs: {study.required.text}", part_panels(study), outages_text(study), columns=2),
-        Section("", f"Which IMUs meet it{of}", rows=brief),
-        Section("parts", f"All IMUs, {outages_text(study)}", rows=every, note=note, show="page", folded=True),
+        Section("", f"Which IMUs meet it{subset}", rows=brief),
+        Section("parts", f"All IMUs, {outages_text(study)}", rows=all_rows, note=note, show="page", folded=True),
     )
 
 
 def _part(study: RequirementStudy, each: Candidate) -> tuple[Quantity, ...]:
     limit = study.required.error
     row = [*of_table("requirement.part", each)]
-    for key, label, found in (("alone", "alone", each.alone), ("nhc", "NHC", each.nhc)):
+    for key, label, result in (("alone", "alone", each.alone), ("nhc", "NHC", each.nhc)):
         row += [
-            Quantity(f"{key}_error", found.error, "m", meaning=f"{label}: error"),
-            Quantity(f"{key}_meets", found.answer, meaning="meets"),
-            Quantity(f"{key}_margin", limit / found.error, meaning="limit / error", digits=2),
+            Quantity(f"{key}_error", result.error, "m", meaning=f"{label}: error"),
+            Quantity(f"{key}_meets", result.answer, meaning="meets"),
+            Quantity(f"{key}_margin", limit / result.error, meaning="limit / error", digits=2),
             *(
                 Quantity(f"{key}_time_to_{m:g}_m", time if np.isfinite(time) else None, "s", meaning=f"to {m:g} m")
-                for m, time in zip(LIMITS, found.reaches, strict=True)
+                for m, time in zip(LIMITS, result.reaches, strict=True)
             ),
         ]
     return (*row, Quantity("missing", len(each.missing), meaning="missing"))
 
 
 def _example(study: RequirementStudy) -> tuple[Section, ...]:
-    """Lay out improvements of one IMU, and its dominant errors."""
+    """Lay out improvements of the example IMU, the effect of halving each error, and the shares of its errors."""
     if not study.remedies:
         return ()
     limit = study.required.error
-    helps = tuple(
+    remedies = tuple(
         of_table("requirement.remedy", each, change=each.ratio - 1.0, meets=each.error <= limit)
         for each in study.remedies
     )
-    halves = tuple(
+    elasticities = tuple(
         of_table("requirement.elasticity", each) for each in sorted(study.elasticities, key=lambda each: each.halved)
     )
     shares = tuple(
@@ -162,8 +162,8 @@ def _example(study: RequirementStudy) -> tuple[Section, ...]:
     )
     imu = {"imu": study.example}
     return (
-        of_section("requirement.remedy", helps, imu),
-        of_section("requirement.elasticity", halves, imu, show="page", folded=True),
+        of_section("requirement.remedy", remedies, imu),
+        of_section("requirement.elasticity", elasticities, imu, show="page", folded=True),
         of_section("requirement.shapley", shares, imu, show="page", folded=True),
     )
 
@@ -180,28 +180,28 @@ def _rows(study: RequirementStudy) -> tuple[tuple[Quantity, ...], ...]:
 def _verification(study: RequirementStudy) -> tuple[tuple[Quantity, ...], ...]:
     wanted, rows = study.required.probability, []
     for each in study.verified:
-        which, share = f"{each.factor:g} x the set", each.within / each.runs
+        set_name, share = f"{each.factor:g} x the set", each.within / each.runs
         error = Quantity("error", each.error, "m", meaning=f"{100 * wanted:g} % error")
         meets = Quantity("meets", each.meets(wanted), meaning=f"agrees with {100 * wanted:g} %")
-        rows.append((*of_table("requirement.run", each, set=which, probability=share), error, meets))
+        rows.append((*of_table("requirement.run", each, set=set_name, probability=share), error, meets))
     return tuple(rows)
 
 
 def summary(study: RequirementStudy) -> tuple[str, ...]:
-    """Write the result in a few sentences."""
+    """Summarise the study in a few sentences: motion, given IMU, balanced set of errors, simulated runs."""
     found, required = study.allocation, study.required
     lines = [f"Motion: {study.motion}."]
     if study.imu:
-        left = f"{number(found.given / required.error)} times the limit, with no share for other errors."
-        left = "the other errors share the rest." if found.feasible else left
-        lines.append(f"The figures of {study.imu} alone make {number(found.given)} m: {left}")
+        remark = f"{number(found.given / required.error)} times the limit, with no share for other errors."
+        remark = "the other errors share the rest." if found.feasible else remark
+        lines.append(f"The figures of {study.imu} alone make {number(found.given)} m: {remark}")
     if found.feasible:
         tight = sorted((share for share in found.shares if not share.given and not share.capped), key=lambda s: -s.part)
         sizes = (f"{each.family} {_size(each.size, each)}" for each in tight[:6])
         lines.append(f"A balanced set: {', '.join(sizes)}; see the table.")
     for each in study.verified:
         low, high = each.interval
-        # runs can refute a probability, not prove it
+        # simulated runs can refute the required probability but not prove it: they only agree with it
         verdict = "agrees with" if each.meets(required.probability) else "less than"
         lines.append(
             f"{each.factor:g} x the set, {each.runs} simulated runs: {100 * each.within / each.runs:.1f} % within the "
@@ -211,14 +211,14 @@ def summary(study: RequirementStudy) -> tuple[str, ...]:
 
 
 def warnings(study: RequirementStudy) -> tuple[Finding, ...]:
-    """Return warnings."""
+    """Return a warning if the errors of the given IMU alone exceed the requirement."""
     error, limit = study.allocation.given, study.required.error
     finding = Finding.of(Code.REQUIREMENT_INFEASIBLE, subject=study.imu, error_m=error, limit_m=limit)
     return () if study.allocation.feasible else (finding,)
 
 
 def assumptions(study: RequirementStudy) -> tuple[Finding, ...]:
-    """Return explanations and assumptions."""
+    """Return findings that explain the method of the study and its assumptions."""
     return (
         Finding.of(Code.REQUIREMENT_COVARIANCE),
         Finding.of(Code.REQUIREMENT_IN_RUN_BIAS, correlation_time_s=TAU),
@@ -231,9 +231,9 @@ def assumptions(study: RequirementStudy) -> tuple[Finding, ...]:
 
 def _aided_assumptions(study: RequirementStudy) -> Iterator[Finding]:
     first, last = study.begins[0], study.begins[-1]
-    when: dict[str, Any] = {"first_s": first, "last_s": last, "count": len(study.begins)}
-    when = when if first != last else {"begin_s": first}
-    yield Finding.of(Code.REQUIREMENT_PARTS, fix_m=aiding.POSITION_SD, fix_m_s=aiding.VELOCITY_SD, **when)
+    outages: dict[str, Any] = {"first_s": first, "last_s": last, "count": len(study.begins)}
+    outages = outages if first != last else {"begin_s": first}
+    yield Finding.of(Code.REQUIREMENT_PARTS, fix_m=aiding.POSITION_SD, fix_m_s=aiding.VELOCITY_SD, **outages)
     yield FIELD_FACTOR
     yield Finding.of(
         Code.REQUIREMENT_AIDING,
@@ -248,7 +248,7 @@ def _aided_assumptions(study: RequirementStudy) -> Iterator[Finding]:
 
 
 def outages_text(study: RequirementStudy) -> str:
-    """Describe the GPS time before the outages."""
+    """Describe how long GPS was available before the outages of the study."""
     first, last = study.begins[0], study.begins[-1]
     if first == last:
         return f"after {first} s of GPS"
@@ -256,16 +256,16 @@ def outages_text(study: RequirementStudy) -> str:
 
 
 def nearest(study: RequirementStudy, count: int) -> list[Candidate]:
-    """Select the parts with errors nearest to the limit, the most accurate first."""
+    """Select the `count` IMUs whose unaided error is nearest to the limit, by ratio; the most accurate first."""
     limit = study.required.error
     order = sorted(study.candidates, key=lambda each: abs(np.log(each.alone.error / limit)))[:count]
     return [each for each in study.candidates if any(each is one for one in order)]
 
 
 def part_panels(study: RequirementStudy) -> Iterator[Panel]:
-    """Draw the error of every part over time, alone and with the NHC, with the limit.
+    """Draw the error of every IMU over time, alone and with the NHC, with the limit.
 
-    Parts near the limit are named, the others share their class name.
+    The legend names IMUs near the limit; for the other IMUs it has only their classes.
     """
     required, named = study.required, nearest(study, NAMED)
     x, y = np.array([required.after]), np.array([required.error])
@@ -291,23 +291,23 @@ def _error(each: Candidate, kind: str) -> FloatArray:
 
 
 def allocation_panel(study: RequirementStudy) -> Panel:
-    """Draw the effect of halving each error of the example, or the allowed size of each error in the set.
+    """Draw the effect of halving each error of the example IMU; without an example, the allowed size of each error.
 
-    Errors of a balanced set are equal shares of their sizes alone, and their bars would not differ.
+    Allowed sizes are relative to the size that meets the limit alone. In a balanced set, these bars are equal.
     """
     if study.elasticities:
         order = sorted(study.elasticities, key=lambda each: each.halved)
-        kinds, rows, part = ["halved"] * len(order), [each.family for each in order], [-100 * e.halved for e in order]
+        kinds, rows, widths = ["halved"] * len(order), [each.family for each in order], [-100 * e.halved for e in order]
         title, label = f"Effect of halving each error of {study.example}", "reduction of the error [%]"
-        texts = [f"{name}: {number(value)} % less error" for name, value in zip(rows, part, strict=True)]
+        texts = [f"{name}: {number(value)} % less error" for name, value in zip(rows, widths, strict=True)]
     else:
         shares = [share for share in study.allocation.shares if np.isfinite(share.alone)]
         kinds = ["given" if share.given else "hardly acts" if share.capped else "of the set" for share in shares]
-        rows, part = [share.family for share in shares], [min(share.size / share.alone, 1.2) for share in shares]
+        rows, widths = [share.family for share in shares], [min(share.size / share.alone, 1.2) for share in shares]
         title, label = "How large each error may be", "size in the set / size that meets the limit alone [-]"
         texts = [f"{e.family}: {_size(e.size, e)} in the set, {_size(e.alone, e)} alone" for e in shares]
     colours = {"halved": BLUE, "of the set": BLUE, "given": ORANGE, "hardly acts": GREY}
-    curves = bars(kinds, colours, np.zeros(len(rows)), np.array(part), texts)
+    curves = bars(kinds, colours, np.zeros(len(rows)), np.array(widths), texts)
     return row_panel("allocation", title, label, curves, rows)
 
 

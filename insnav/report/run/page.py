@@ -1,6 +1,7 @@
-"""Report of a navigated drive: verdict, accuracy, figures, tables; its files, main table, and reading of a saved run.
+"""Report of a navigated drive: verdict, figures, tables, terminal summary; writing and reading of its files.
 
-The verdict rates accuracy or stated uncertainty, and their agreement; a brief summary is for the terminal.
+The verdict rates the errors against a reference and whether the stated sd holds. Without a reference, it rates the
+innovations.
 """
 
 from __future__ import annotations
@@ -38,11 +39,12 @@ from insnav.sample_statistics import rms, rms_length
 from insnav.types import AidingUse, Alignment, Epochs, FloatArray, GpsData, Innovations, Run, SensorErrors, Smoothed
 from insnav.units import DEG, DEG_PER_H
 
-_IN_WORDS = ("nis_mean_per_axis", "horizontal_sd", "inside_3_sd")  # figures of merit that the verdict contains
-SCATTER = 2.0  # mean NIS per axis from which fixes and solution contradict each other
-CAREFUL = 3.0  # ratio of stated sd to position errors that is reported as cautious
-FEW = 10  # least number of epochs for a reference
-MOST = 0.5  # least share of the drive that a reference must cover
+# The terminal table omits these figures of merit, since the verdict contains them.
+_IN_WORDS = ("nis_mean_per_axis", "horizontal_sd", "inside_3_sd")
+SCATTER = 2.0  # fixes and solution contradict each other above this mean NIS per axis; 1 is ideal [-]
+CAREFUL = 3.0  # the verdict calls the stated sd cautious above this ratio of stated sd to position errors [-]
+FEW = 10  # a reference needs at least this number of epochs for a verdict
+MOST = 0.5  # a reference must cover at least this share of the drive for a good verdict [-]
 _PARTS = (
     ("horizontal", "m", slice(0, 2)),
     ("vertical", "m", slice(2, 3)),
@@ -51,21 +53,21 @@ _PARTS = (
     ("heading", "deg", slice(8, 9)),
 )
 _GROUPS = ("velocity", "attitude")
-_WARNINGS, _ASSUMED = 3, 6  # most lines of each; the page has the others
-_HARDLY, _UNKNOWN = 0.1, 0.7  # delay [s] and arm [m] sd of hardly known estimates
-_panels = library("insnav.report.run.panels")  # used only for a page
+_WARNINGS, _ASSUMED = 3, 6  # largest numbers of warnings and assumptions in the terminal summary
+_HARDLY, _UNKNOWN = 0.1, 0.7  # from these sd on, GPS delay [s] and lever arm components [m] count as unknown
+_panels = library("insnav.report.run.panels")  # imported on first use, which only a page makes
 PDF_PAGES = {
     "summary": ("track",),
     "accuracy": ("position_error", "attitude_error", "uncertainty", "attitude"),
     "filter": ("innovations", "biases"),
 }
 BACKDROP = "backdrop.geojson"
-MOST_POINTS = 50_000  # points on a page
-_DEPTH = {"LineString": 0, "MultiLineString": 1, "Polygon": 1, "MultiPolygon": 2}  # nesting of lists of points
+MOST_POINTS = 50_000  # largest number of points of a backdrop
+_DEPTH = {"LineString": 0, "MultiLineString": 1, "Polygon": 1, "MultiPolygon": 2}  # nesting above the lists of points
 
 
 def run_verdict(found: EvaluatedRun, warnings: int) -> Verdict:
-    """Rate a run by errors and number of warnings, or by innovations without a reference."""
+    """Rate a run by its errors against a reference, or by its innovations without one. `warnings`: their number."""
     light, reason = _light(found, warnings)
     if found.errors is not None:
         sizes = tuple(_error_size(mode, each.horizontal) for mode, each in found.errors_on_clock.items())
@@ -85,25 +87,26 @@ def run_verdict(found: EvaluatedRun, warnings: int) -> Verdict:
 
 
 def _unmoved(found: EvaluatedRun) -> str:
-    """Describe the correction of a reference clock, with the better solution's RMS error before it."""
+    """Describe how far the reference clock was shifted, and the better solution's RMS error without this shift."""
     size = rms(next(iter(found.known_errors.values())).horizontal)
     return phrase("run.unmoved", shift_s=-found.reference_late, size=number(size))
 
 
 def _error_size(mode: str, horizontal: FloatArray) -> str:
-    """Write the RMS error, and the 95 % error if a few epochs dominate the RMS."""
-    size, most = rms(horizontal), float(np.percentile(horizontal, 95.0))
-    most_m = number(most) if most < 0.5 * size else ""
-    return phrase("run.error_size", size=number(size), mode=phrase(f"run.{mode}"), most=most_m)
+    """Write the RMS error, and also the 95 % error if it is below half the RMS, which few epochs then dominate."""
+    size, p95 = rms(horizontal), float(np.percentile(horizontal, 95.0))
+    p95_text = number(p95) if p95 < 0.5 * size else ""
+    return phrase("run.error_size", size=number(size), mode=phrase(f"run.{mode}"), most=p95_text)
 
 
 def run_line(result: Result[EvaluatedRun]) -> str:
-    """Describe the drive: length, distance, rates, outages."""
+    """Describe the drive in one line: duration, distance, sensor rates, GPS outages, rejected fixes."""
     run = result.found.run
     if len(run.solution.time) == 0:
         return phrase("run.empty")
     time, distance = run.solution.time, travelled(run.solution)[0]
     spans = outages(run)
+    # outages inside the drive: neither at its start nor at its end
     inside = [(end - start, rejected) for start, end, rejected in spans if start > time[0] and end < time[-1]]
     parts = [phrase("run.drive", duration=duration_text(float(np.ptp(time))), distance=distance_text(distance))]
     rates = {name: result.inputs[name].rate_hz for name in ("imu", "gps") if name in result.inputs}
@@ -118,7 +121,7 @@ def run_line(result: Result[EvaluatedRun]) -> str:
 
 
 def run_circles(found: EvaluatedRun, reference: str) -> tuple[str, ...]:
-    """Describe horizontal errors by CEP50, R95 and maximum: smoothed, or filtered without smoothing."""
+    """Describe the horizontal errors of the better solution by CEP50, R95 and maximum; empty without a reference."""
     for mode, errors in found.known_errors.items():
         size = errors.horizontal
         cep50, r95 = (number(float(np.percentile(size, share))) for share in (50.0, 95.0))
@@ -128,31 +131,31 @@ def run_circles(found: EvaluatedRun, reference: str) -> tuple[str, ...]:
 
 
 def rated(found: EvaluatedRun) -> list[str]:
-    """List the solutions with figures of merit, the better one first."""
+    """List the solutions that have errors or, without a reference, stated sd; the smoothed solution is first."""
     return [*found.known_errors] or [mode for mode, each in found.solutions.items() if each.sd is not None]
 
 
 def run_merits(found: EvaluatedRun, mode: str) -> tuple[Quantity, ...]:
-    """Build the figures of merit of a solution.
+    """Build the figures of merit of a solution: RMS errors, or without a reference stated sd, and a consistency check.
 
-    RMS errors, or standard deviations without a reference, and their agreement with the stated values.
+    The check is the share of errors inside 3 sd, or without a reference the mean NIS.
     """
     errors, sd = found.known_errors.get(mode), found.solutions[mode].sd
     if errors is not None:
-        whole = np.hstack((errors.position, errors.velocity, errors.attitude))
-        share = inside(errors)
-        within = Quantity("inside_3_sd", share, "%", meaning=phrase("run.inside_3_sd"))
+        every_error = np.hstack((errors.position, errors.velocity, errors.attitude))
+        share_inside = inside(errors)
+        inside_3_sd = Quantity("inside_3_sd", share_inside, "%", meaning=phrase("run.inside_3_sd"))
         if errors.sd is None:
-            return *_sizes(whole, "error"), within
+            return *_sizes(every_error, "error"), inside_3_sd
         stated = Quantity("horizontal_sd", rms_length(errors.sd[:, :2]), "m", meaning=phrase("run.stated_sd"))
-        return *_sizes(whole, "error"), stated, within
+        return *_sizes(every_error, "error"), stated, inside_3_sd
     assert sd is not None
-    agree = Quantity("nis_mean_per_axis", mean_nis(found.run), meaning=phrase("run.nis"))
-    return *_sizes(sd, "sd"), agree
+    consistency = Quantity("nis_mean_per_axis", mean_nis(found.run), meaning=phrase("run.nis"))
+    return *_sizes(sd, "sd"), consistency
 
 
 def _sizes(values: FloatArray, what: str) -> list[Quantity]:
-    """Build RMS of position, velocity and attitude errors or sds ``(n, 9)`` by known groups."""
+    """Build the RMS of each group, such as horizontal, of navigation errors or sd ``(n, 9)``; omit unknown groups."""
     sizes = [
         Quantity(part, rms_length(values[:, columns]), unit, meaning=phrase(f"run.{what}_of", part=word(part)))
         for part, unit, columns in _PARTS
@@ -161,12 +164,13 @@ def _sizes(values: FloatArray, what: str) -> list[Quantity]:
 
 
 def inside(errors: TrajectoryErrors, group: str = "position") -> float | None:
-    """Compute the share of a group's errors inside three stated standard deviations."""
+    """Compute the share of position (or velocity, attitude) errors inside 3 stated sd; None without stated sd."""
     stated: dict[str, Any] = (nees(errors) or {}).get(group) or {}
     return stated.get("inside_3_sd")
 
 
 def _light(found: EvaluatedRun, warnings: int) -> tuple[Light, str]:
+    # the first condition that applies decides: unusable references, serious faults, then warnings
     shares = [share for each in found.errors_on_clock.values() if (share := inside(each)) is not None]
     epochs = max((len(each.time) for each in found.errors_on_clock.values()), default=0)
     if 0 < epochs < FEW:
@@ -182,17 +186,17 @@ def _light(found: EvaluatedRun, warnings: int) -> tuple[Light, str]:
         best = next(iter(found.errors_on_clock.values()))
         late = "fixes" if fixes_are_late(found.reference_late, delay_shown(found.run)) else "reference"
         return "attention", phrase(f"run.late_{late}", size=number(rms(best.horizontal)), unmoved=_unmoved(found))
-    others = [(group, inside(each, group)) for group in _GROUPS for each in found.known_errors.values() if shares]
-    more = tuple(dict.fromkeys(group for group, share in others if share is not None and share < HOLDS))
+    group_shares = [(group, inside(each, group)) for group in _GROUPS for each in found.known_errors.values() if shares]
+    overconfident = tuple(dict.fromkeys(group for group, share in group_shares if share is not None and share < HOLDS))
     reasons = [phrase("run.warnings", count=warnings)] if warnings else []
-    reasons += [phrase("run.groups_overconfident", groups=more)] if more else []
+    reasons += [phrase("run.groups_overconfident", groups=overconfident)] if overconfident else []
     if reasons:
         return "attention", form("parts").join(reasons)
     if shares:
         errors = next(iter(found.errors_on_clock.values()))
         assert errors.sd is not None
         covered = float(np.median(np.diff(errors.time))) * epochs / float(np.ptp(found.run.solution.time))
-        if covered < MOST:  # by the reference, without gaps
+        if covered < MOST:  # share of the drive with reference epochs
             return "unknown", phrase("run.part", share=covered)
         times = rms_length(errors.sd[:, :3]) / max(rms_length(errors.position), 1e-9)
         return "good", phrase("run.good", times=number(times) if times > CAREFUL else "")
@@ -205,9 +209,9 @@ def _light(found: EvaluatedRun, warnings: int) -> tuple[Light, str]:
 
 
 def brief_lines(page: Page, found: EvaluatedRun, width: int | None = None) -> list[str]:
-    """Summarise a run: verdict, figures of merit of both solutions, warnings; corrections and assumptions in short.
+    """Summarise a run: verdict, figures of merit of all solutions, first warnings, estimates, corrections, assumptions.
 
-    `page`: of the run. `width`: of the lines; None: no wrapping.
+    `page`: page of the run. `width`: line width [characters]; None: no wrapping.
     """
     title = phrase("terminal.line", name=page.title, text=page.summary[0]) if page.summary else page.title
     verdict = [] if page.verdict is None else [page.verdict.rating]
@@ -216,30 +220,30 @@ def brief_lines(page: Page, found: EvaluatedRun, width: int | None = None) -> li
     table = _table({mode: [each for each in own if each.key not in _IN_WORDS] for mode, own in merits.items()})
     estimates = form("parts").join(_estimates(found))
     corrections = [render(each, at=page.at).text for each in of_code(page.findings, *CORRECTIONS)]
-    # findings contradict the reference, which may cause the errors
-    wrong = any(event.subject == "ref" and event.severity >= Severity.WARNING for event in found.run.events)
-    doubtful = page.verdict is not None and page.verdict.light == "bad" and not wrong
+    # A bad run has doubtful estimates, unless a warning shows that the reference is wrong.
+    wrong_reference = any(event.subject == "ref" and event.severity >= Severity.WARNING for event in found.run.events)
+    doubtful = page.verdict is not None and page.verdict.light == "bad" and not wrong_reference
     name = "doubtful_estimates" if doubtful else "estimates"
     shown = [*_listed("warning", page.warnings, _WARNINGS), *_listed(name, [estimates] * bool(estimates), 1)]
     shown += _listed("corrected", [form("joint").join(corrections)] * bool(corrections), len(CORRECTIONS))
-    # one entry for an assumption on several files
-    taken = {
+    # equal assumptions on several files become one entry
+    unique = {
         each.get("text") or each.code: each for each in page.findings[::-1] if each.severity is Severity.ASSUMPTION
     }
-    assumed = [_with_options(render(each, at=page.at)) for each in reversed(taken.values())]
+    assumed = [_with_options(render(each, at=page.at)) for each in reversed(unique.values())]
     shown += _listed("assumed", [form("joint").join(assumed[:_ASSUMED])] * bool(assumed), _ASSUMED, len(assumed))
     return [*hanging([title, *verdict], width), *table, *hanging(shown, width)]
 
 
 def _with_options(said: Message) -> str:
-    """Write an observation, the action of insnav, and the options that change it."""
+    """Write a finding: the observation, the action of insnav, and in brackets the options that change this action."""
     options, stop = form("list").join(re.findall("--[a-z-]+", said.advice)), form("stop")
     text = form("joint").join(filter(None, (said.text, said.done)))
     return f"{text.removesuffix(stop)}{form('brackets').format(options)}{stop}" if options else text
 
 
 def _estimates(found: EvaluatedRun) -> Iterator[str]:
-    """Yield gate rejections, and estimates of unspecified inputs."""
+    """Yield phrases on fixes that gates rejected, and on the estimated GPS delay and lever arm."""
     run, heights = found.run, found.gps is None or heights_measured(found.gps.lla)
     yield from _rejected(run, 3 if heights else 2)
     if 0.0 < run.gps_delay_sd < np.inf:
@@ -255,38 +259,38 @@ def _estimates(found: EvaluatedRun) -> Iterator[str]:
 
 
 def _rejected(run: Run, measured: int) -> Iterator[str]:
-    """Yield fixes that gates rejected individually, with the largest deviation in measured components."""
+    """Yield phrases on rejected positions and velocities: number, largest innovation. `measured`: 2 or 3 axes."""
     fixes = run.innovations
     for name, unit, part, kinds in (
         ("rejected_positions", "m", slice(0, measured), {Code.GATE_POSITION, Code.GATE_PHYSICAL_POSITION}),
         ("rejected_velocities", "m/s", slice(3, 6), {Code.GATE_VELOCITY, Code.GATE_PHYSICAL_VELOCITY}),
     ):
         rows = np.isin(fixes.time, [event.begin for event in of_code(run.events, *kinds)])
-        every = np.linalg.norm(fixes.innovation[:, part], axis=1)
+        sizes = np.linalg.norm(fixes.innovation[:, part], axis=1)
         if rows.any():
-            most = f"{number(float(np.nanmax(every[rows])))} {unit}"
-            yield phrase(f"run.{name}", count=int(rows.sum()), total=int(np.isfinite(every).sum()), most=most)
+            largest = f"{number(float(np.nanmax(sizes[rows])))} {unit}"
+            yield phrase(f"run.{name}", count=int(rows.sum()), total=int(np.isfinite(sizes).sum()), most=largest)
 
 
 def _table(merits: dict[str, list[Quantity]]) -> list[str]:
-    """Build the table with a row per figure, a column per solution."""
+    """Build the lines of a text table of figures of merit: a row per figure, a column per solution."""
     first = next(iter(merits.values()))
     if not first:
         return []
     names = [f"{each.label} [{each.shown_unit}]" if each.shown_unit else each.label for each in first]
-    rows = tuple((name, *(cell(own[i]) for own in merits.values())) for i, name in enumerate(names))
+    rows = tuple((name, *(cell(quantities[i]) for quantities in merits.values())) for i, name in enumerate(names))
     return table_text(Table("", ("", *(phrase(f"run.{mode}") for mode in merits)), rows)).splitlines()
 
 
 def _listed(name: str, texts: Sequence[str], most: int, count: int = 0) -> list[str]:
-    """List the first texts, one row each, and the total: `count` if a text joins several."""
+    """List the first `most` texts, a line for each, with their total number: `count` if one text joins several."""
     name, count = phrase(f"run.{name}"), count or len(texts)
     first = phrase("terminal.first_of", name=name, most=most, count=count) if count > most else name
     return [phrase("terminal.line", name=name if i else first, text=text) for i, text in enumerate(texts[:most])]
 
 
 def page(result: Result[EvaluatedRun], *, sections: bool = True) -> Page:
-    """Lay out a run, optionally without sections."""
+    """Lay out a run; without `sections` only title, summary, verdict and figures of merit."""
     found = result.found
     reference = result.inputs["reference"].path if "reference" in result.inputs else ""
     name = result.inputs["imu"].path if "imu" in result.inputs else "a drive"
@@ -295,7 +299,7 @@ def page(result: Result[EvaluatedRun], *, sections: bool = True) -> Page:
     clock = Clock.of(found.run.solution.time)
     shown = tuple(each for each in result.findings if is_shown(each))
     return Page(
-        str(Path(*Path(name).parts[-2:])),  # files of many drives have the same name
+        str(Path(*Path(name).parts[-2:])),  # with the folder, as files of many drives have the same name
         (run_line(result), *run_circles(found, Path(reference).name)),
         _sections(found, reference) if sections else (),
         shown,
@@ -319,12 +323,12 @@ def _sections(found: EvaluatedRun, reference: str) -> tuple[Section, ...]:
 
 
 def text(result: Result[EvaluatedRun], width: int | None = None) -> str:
-    """Summarise a run in a few lines."""
+    """Summarise a run in a few lines for the terminal."""
     return "\n".join(brief_lines(result.laid_out or page(result, sections=False), result.found, width))
 
 
 def run_figures(found: EvaluatedRun) -> tuple[FigureSpec, ...]:
-    """List the figures that have data."""
+    """List the figures of a run for which there are data."""
     run, errors = found.run, found.errors
     if len(run.solution.time) == 0:
         return ()
@@ -347,7 +351,7 @@ def run_figures(found: EvaluatedRun) -> tuple[FigureSpec, ...]:
 
 
 def _draw(name: str, found: EvaluatedRun) -> Figure:
-    from insnav.report.figures import draw_drawings  # matplotlib is imported only for a requested figure
+    from insnav.report.figures import draw_drawings  # imports matplotlib, needed only to draw figures
     from insnav.report.run.panels import figure_drawings
 
     title, note, drawings, columns = figure_drawings(name, found)
@@ -355,11 +359,11 @@ def _draw(name: str, found: EvaluatedRun) -> Figure:
 
 
 def write_files(result: Result[EvaluatedRun], folder: RunFolder, table_format: solution_tables.TableFormat) -> None:
-    """Write solution, fixes, innovations, errors, sensor errors, IMU model, events and track.
+    """Write solution, fixes, innovations, errors, sensor errors, IMU model, events and track as files.
 
-    `folder`: entered, not committed. `table_format` {"csv", "parquet"}.
+    `folder`: open, inside its ``with`` block. `table_format` {"csv", "parquet"}: format of the large tables.
     """
-    found, run, place = result.found, result.found.run, folder.directory
+    found, run, directory = result.found, result.found.run, folder.directory
     tables = [("", run.solution), ("", run.innovations), ("", run.sensor_errors), ("", found.gps)]
     tables += [("errors", found.errors), ("smoothed_errors", found.smoothed_errors)]
     if run.smoothed is not None:
@@ -367,11 +371,11 @@ def write_files(result: Result[EvaluatedRun], folder: RunFolder, table_format: s
     tables.append(("poses", run.poses))
     for name, table in tables:
         if table is not None:
-            solution_tables.write_run_table(place, table, table_format, name)
+            solution_tables.write_run_table(directory, table, table_format, name)
     if result.imu_model is not None:
         folder.path("imu.toml").write_text(to_toml(result.imu_model[0]), encoding="utf-8", newline="\n")
-    solution_tables.write_events(place, result.findings or run.events)
-    write_kml(place, found.best, Path(result.inputs["imu"].path).name if "imu" in result.inputs else "track")
+    solution_tables.write_events(directory, result.findings or run.events)
+    write_kml(directory, found.best, Path(result.inputs["imu"].path).name if "imu" in result.inputs else "track")
     if found.backdrop is not None:
         write_backdrop(found.backdrop, folder.path(BACKDROP))
     if found.short_duration:
@@ -381,12 +385,12 @@ def write_files(result: Result[EvaluatedRun], folder: RunFolder, table_format: s
 
 
 def frame(result: Result[EvaluatedRun]) -> DataFrame:
-    """Build a table of the better solution, with the columns of ``solution.csv``."""
+    """Build a table of the smoothed solution, or of the filtered one, with the columns of ``solution.csv``."""
     return result.found.best.to_frame()
 
 
 def accuracy(found: EvaluatedRun) -> dict[str, dict[str, float]]:
-    """Return the figures of merit of each solution, unit in the name; stated values begin with ``sd_``."""
+    """Return figures of merit of each solution by name with unit; without a reference, ``sd_`` precedes names of sd."""
     merits = {mode: [each for each in run_merits(found, mode) if each.value is not None] for mode in rated(found)}
     lead = "" if found.known_errors else "sd_"
 
@@ -397,7 +401,7 @@ def accuracy(found: EvaluatedRun) -> dict[str, dict[str, float]]:
 
 
 def read_found(folder: Path, findings: Sequence[Finding]) -> EvaluatedRun:
-    """Read a run from its folder, without covariances between epochs and short-duration windows.
+    """Read a run from its folder; covariances at the epochs and short-duration windows are not stored.
 
     Raises: InputError: a table is missing or damaged.
     """
@@ -439,9 +443,9 @@ def read_found(folder: Path, findings: Sequence[Finding]) -> EvaluatedRun:
 
 
 def _is_event(finding: Finding) -> bool:
-    """Return whether a finding is an event: with a time, or a warning without, for example on a reference."""
-    known = finding.severity >= Severity.WARNING and finding.get("text") is None
-    return finding.code not in OF_RESULTS and (finding.timed or known)
+    """Return whether a finding is an event of the filter: it has a time, or is a warning, such as on a reference."""
+    is_warning = finding.severity >= Severity.WARNING and finding.get("text") is None
+    return finding.code not in OF_RESULTS and (finding.timed or is_warning)
 
 
 def _alignment(facts: Mapping[str, Any]) -> Alignment:
@@ -474,10 +478,10 @@ def _aiding(facts: Mapping[str, Any]) -> AidingUse:
 
 
 def read_backdrop(file: Path) -> FloatArray:
-    """Read the lines of a GeoJSON file (RFC 7946) on WGS-84.
+    """Read the lines of a GeoJSON file (RFC 7946, WGS-84), to draw behind the map.
 
     Returns: (n, 2) latitude and longitude [rad], with a row of NaN after each line.
-    Raises: InputError: no GeoJSON, no line in it, positions off the Earth, or too many points.
+    Raises: InputError: no GeoJSON, no line in it, latitudes or longitudes out of range, or too many points.
     """
     try:
         lines = list(_lines(json.loads(file.read_text(encoding="utf-8"))))
@@ -486,29 +490,29 @@ def read_backdrop(file: Path) -> FloatArray:
         raise InputError("report.not_geojson", where=str(file), reason=str(error)) from error
     if not points:
         raise InputError("report.empty_backdrop", where=str(file))
-    found = np.concatenate([np.vstack((each, np.full((1, 2), np.nan))) for each in points])
-    if len(found) > MOST_POINTS:
-        raise InputError("report.large_backdrop", where=str(file), count=len(found), limit=MOST_POINTS)
-    if np.nanmax(np.abs(found[:, 0])) > 90.0 or np.nanmax(np.abs(found[:, 1])) > 180.0:
+    vertices = np.concatenate([np.vstack((each, np.full((1, 2), np.nan))) for each in points])
+    if len(vertices) > MOST_POINTS:
+        raise InputError("report.large_backdrop", where=str(file), count=len(vertices), limit=MOST_POINTS)
+    if np.nanmax(np.abs(vertices[:, 0])) > 90.0 or np.nanmax(np.abs(vertices[:, 1])) > 180.0:
         raise InputError("report.backdrop_unit", where=str(file))
-    return found * DEG
+    return vertices * DEG
 
 
 def write_backdrop(lines: FloatArray, file: Path) -> None:
-    """Write such lines as GeoJSON."""
+    """Write lines (n, 2), latitude and longitude [rad], separated by rows of NaN, as a GeoJSON file."""
     parts = np.split(lines, np.flatnonzero(np.isnan(lines[:, 0])) + 1)
     coordinates = [np.round(each[:-1, ::-1] / DEG, 9).tolist() for each in parts if len(each) > 1]
     file.write_text(json.dumps({"type": "MultiLineString", "coordinates": coordinates}), encoding="utf-8")
 
 
 def _lines(value: Any) -> Iterator[Any]:
-    """Yield every line and ring of an object and its members."""
+    """Yield the points of every line and polygon ring in a GeoJSON object and its members."""
     kind = value["type"]
-    own = [value["geometry"]] if value.get("geometry") else []
-    for part in value.get("features") or value.get("geometries") or own:
+    geometry = [value["geometry"]] if value.get("geometry") else []
+    for part in value.get("features") or value.get("geometries") or geometry:
         yield from _lines(part)
     if kind in _DEPTH:
-        found = [value["coordinates"]]
+        lines = [value["coordinates"]]
         for _ in range(_DEPTH[kind]):
-            found = [each for part in found for each in part]
-        yield from found
+            lines = [each for part in lines for each in part]
+        yield from lines

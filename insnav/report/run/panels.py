@@ -1,4 +1,4 @@
-"""Drawings of a run: track, panels over one time axis, single components for papers, and the data before navigation."""
+"""Drawings of a run: map, panels over one time axis, image files with separate components; plot of the input data."""
 
 from __future__ import annotations
 
@@ -23,12 +23,12 @@ from insnav.types import BoolArray, FloatArray, Run, SensorErrors, Trajectory
 from insnav.units import DEG, DEG_PER_H, G0, PPM
 
 LINK = "time"
-CHI2_95 = 7.815 / 3.0  # 95 % point of chi-square with 3 degrees of freedom, per axis
-MAP_POINTS = 2000
-DRAWN = 200_000  # rows of a solution at most
+CHI2_95 = 7.815 / 3.0  # 95 % quantile of chi-square with 3 degrees of freedom, per axis
+MAP_POINTS = 2000  # number of points of a track on the map
+DRAWN = 200_000  # largest number of epochs of a solution in panels
 T = TypeVar("T", Trajectory, TrajectoryErrors | None)
-_VARIES = 1.5  # least ratio of values for a colour scale
-EVENTS = 150  # largest number of marks per kind
+_VARIES = 1.5  # a quantity varies along the track if its 98 % quantile exceeds its 2 % quantile by this factor
+EVENTS = 150  # largest number of marks per event code
 _RPH, _XYZ = ("roll", "pitch", "heading"), ("x", "y", "z")
 GROUPS = (("position", "m", 1.0, style.NED), ("velocity", "m/s", 1.0, style.NED), ("attitude", "deg", DEG, _RPH))
 _FIX_TYPES = ((1.0, "fixed"), (2.0, "float"), (4.0, "DGPS"), (5.0, "single"), (0.0, "none"))
@@ -37,9 +37,9 @@ _GATES: dict[str, tuple[Code, ...]] = {
     "velocity": (Code.GATE_VELOCITY, Code.DEWEIGHTED_VELOCITY),
 }
 _GATES[""] = (*_GATES["position"], *_GATES["velocity"])
-_COLOURS = {"filtered": (style.BLUE, style.SKY), "smoothed": (style.VERMILLION, style.ORANGE)}  # line and band
-_BEYOND = 90.0  # a heading farther beyond 0..360 deg is wrapped [deg]
-_SETTLED = 0.2  # share of the run after which estimate bands are shown fully
+_COLOURS = {"filtered": (style.BLUE, style.SKY), "smoothed": (style.VERMILLION, style.ORANGE)}  # line, band
+_BEYOND = 90.0  # an unwrapped heading may exceed 0..360 deg by this angle; otherwise it is wrapped [deg]
+_SETTLED = 0.2  # share of the run whose wide bands of estimates do not determine the axis limits [-]
 _SENSORS = (
     ("gyro bias", "deg/h", DEG_PER_H),
     ("accelerometer bias", "mg", 1e-3 * G0),
@@ -53,22 +53,22 @@ class RunAxis:
     """Common time axis of all panels of a run."""
 
     clock: Clock
-    spans: tuple[tuple[float, float], ...]  # outages, on the axis
+    spans: tuple[tuple[float, float], ...]  # start and end of outages, in the unit of the axis
 
     @classmethod
     def of(cls, run: Run) -> RunAxis:
-        """Build the axis from the start of the solution."""
+        """Build the time axis of a run; its origin is the start of the solution."""
         clock = Clock.of(run.solution.time)
         return cls(clock, tuple((float(clock(a)), float(clock(b))) for a, b, _ in outages(run)))
 
     def panel(self, key: str, title: str, y_label: str, curves: Iterable[Curve], **how: object) -> Panel:
-        """Build a panel over the axis, outages shaded, with the known curves."""
+        """Build a panel over the time axis, with shaded outages and without curves that are all NaN."""
         drawn = tuple(each for each in curves if np.isfinite(each.y).any())
         return Panel(key, title, y_label, self.clock.label, drawn, LINK, spans=self.spans, **how)  # type: ignore[arg-type]
 
 
 def run_panels(found: EvaluatedRun) -> tuple[Track | Panel, ...]:
-    """Build the map and every panel with data."""
+    """Build the map and all panels of the page that have data."""
     if len(found.run.solution.time) < 2:
         return ()
     found = _drawn(found)
@@ -87,7 +87,7 @@ def run_panels(found: EvaluatedRun) -> tuple[Track | Panel, ...]:
 
 
 def _drawn(found: EvaluatedRun) -> EvaluatedRun:
-    """Decimate a long run to the resolution of a screen."""
+    """Keep every n-th epoch of a long run, so that at most `DRAWN` epochs remain."""
     step = -(-len(found.run.solution.time) // DRAWN)
     if step == 1:
         return found
@@ -102,29 +102,29 @@ def _drawn(found: EvaluatedRun) -> EvaluatedRun:
 
 
 def _state_panels(found: EvaluatedRun, axis: RunAxis) -> Iterator[Panel]:
-    """Draw errors with three standard deviations if there is a reference, and the standard deviations."""
+    """Draw the stated standard deviations, and with a reference also the errors with bands of 3 sd."""
     errors = found.known_errors
-    for i, (group, unit, size, names) in enumerate(GROUPS):
+    for i, (group, unit, factor, names) in enumerate(GROUPS):
         columns = slice(3 * i, 3 * i + 3)
         curves: list[Curve] = []
         if errors and any(np.isfinite(getattr(each, group)).any() for each in errors.values()):
             for mode, each in errors.items():
                 sd = np.full((len(each.time), 3), np.nan) if each.sd is None else each.sd[:, columns]
-                value, half = getattr(each, group) / size, 3.0 * sd / size
+                value, half = getattr(each, group) / factor, 3.0 * sd / factor
                 curves += _banded(axis, names, each.time, value, half, mode, around=0.0)
             title, note = f"{group.capitalize()} error", "solution minus reference; band: ±3 sd as stated"
             yield axis.panel(f"{group}_error", title, f"error [{unit}]", curves, note=note)
             curves = []
         for mode, solution in found.solutions.items():
             if solution.sd is not None:
-                time, sd = broken_at_gaps(axis.clock(solution.time), solution.sd[:, columns] / size)
+                time, sd = broken_at_gaps(axis.clock(solution.time), solution.sd[:, columns] / factor)
                 curves += [Curve(n, time, sd[:, k], style.AXIS_COLOURS[k], mode=mode) for k, n in enumerate(names)]
         title, note = f"Stated uncertainty of {group}", "one standard deviation"
         yield axis.panel(f"{group}_sd", title, f"sd [{unit}]", curves, note=note, log="y")
 
 
 def error_distribution(found: EvaluatedRun) -> tuple[Panel, ...]:
-    """Draw the share of horizontal errors below a given one, with CEP50 and R95; at rest and in motion, too."""
+    """Draw the cumulative distribution of the horizontal error, also when stationary and moving, with CEP50 and R95."""
     curves, share = [], np.linspace(1.0, 100.0, 500)
     for mode, errors in found.known_errors.items():
         size, moving = np.maximum(errors.horizontal, LEAST_ERROR), errors.moving
@@ -150,18 +150,18 @@ def _banded(
     *,
     around: float | None = None,
 ) -> list[Curve]:
-    """Draw three lines with their bands.
+    """Draw lines over time for three axes, each with a band.
 
-    `time` (n,) [s]. `value`, `half` (n, 3): middle and half width. `around`: middle of the band; None: the line.
+    `time` (n,) [s]. `value` (n, 3): lines. `half` (n, 3): half widths. `around`: middle of the bands; None: `value`.
     """
-    at, columns = broken_at_gaps(axis.clock(time), np.column_stack((value, half)))
+    x, columns = broken_at_gaps(axis.clock(time), np.column_stack((value, half)))
     curves = []
     for k, (name, colour) in enumerate(zip(names, style.AXIS_COLOURS, strict=True)):
         line, width = columns[:, k], columns[:, 3 + k]
         middle = line if around is None else around
-        band = Curve(name, at, middle + width, colour, "band", middle - width, mode)
+        band = Curve(name, x, middle + width, colour, "band", middle - width, mode)
         curves += [band] if np.isfinite(width).any() else []
-        curves.append(Curve(name, at, line, colour, mode=mode))
+        curves.append(Curve(name, x, line, colour, mode=mode))
     return curves
 
 
@@ -191,15 +191,15 @@ def _innovation_panels(run: Run, axis: RunAxis) -> Iterator[Panel]:
 
 
 def nis_levels(run: Run, group: str = "") -> tuple[tuple[float, str], ...]:
-    """Return 95 % NIS per axis, and the reject and de-weight gates. `group`: of positions or velocities."""
+    """Return value and name of each level: 95 % of NIS per axis, and the gates. `group`: "position", "velocity"."""
     limits = sorted({each.limit / 3.0 for each in of_code(run.events, *_GATES[group]) if np.isfinite(each.limit)})
     return (CHI2_95, f"95 % ({CHI2_95:.1f})"), *((limit, f"gate ({limit:.1f})") for limit in limits)
 
 
 def sensor_errors(run: Run) -> dict[str, SensorErrors]:
-    """Return estimated sensor errors by solution, the better one first."""
-    both = {} if run.smoothed is None else {"smoothed": run.smoothed.sensor_errors}
-    return {mode: each for mode, each in (both | {"filtered": run.sensor_errors}).items() if len(each.time)}
+    """Return the estimated sensor errors of each solution, the smoothed solution first."""
+    smoothed = {} if run.smoothed is None else {"smoothed": run.smoothed.sensor_errors}
+    return {mode: each for mode, each in (smoothed | {"filtered": run.sensor_errors}).items() if len(each.time)}
 
 
 def _bias_panels(run: Run, axis: RunAxis) -> Iterator[Panel]:
@@ -208,28 +208,28 @@ def _bias_panels(run: Run, axis: RunAxis) -> Iterator[Panel]:
         ("gyro_bias", "Gyro bias", "deg/h", DEG_PER_H, 0),
         ("accel_bias", "Accelerometer bias", "mg", 1e-3 * G0, 3),
     ):
-        own = slice(first, first + 3)
+        axes = slice(first, first + 3)
         curves: list[Curve] = []
         for mode, each in found.items():
-            value, sd = each.value[:, own] / size, each.sd[:, own] / size
+            value, sd = each.value[:, axes] / size, each.sd[:, axes] / size
             curves += _banded(axis, _XYZ, each.time, value, sd, mode if len(found) > 1 else "")
         yield axis.panel(key, title, f"bias [{unit}]", curves, note="as estimated, body axes; band: ±1 sd")
 
 
 def _separation(run: Run, axis: RunAxis) -> list[Panel]:
-    """Draw the difference between filter and smoother, which also uses later fixes.
+    """Draw the filtered minus the smoothed position, with its expected 3 sd.
 
-    For an optimal filter the covariance of the difference is the difference of the covariances (Rauch, Tung and
+    For an optimal filter the covariance of this difference is the difference of the covariances (Rauch, Tung and
     Striebel 1965).
     """
     if run.smoothed is None:
         return []
     filtered, smoothed = run.solution, run.smoothed.solution
-    apart = ned_offset(filtered.lla, smoothed.lla)
-    expected = np.full_like(apart, np.nan)
+    difference = ned_offset(filtered.lla, smoothed.lla)
+    expected = np.full_like(difference, np.nan)
     if filtered.sd is not None and smoothed.sd is not None:
         expected = 3.0 * np.sqrt(np.maximum(filtered.sd[:, :3] ** 2 - smoothed.sd[:, :3] ** 2, 0.0))
-    curves = _banded(axis, style.NED, filtered.time, apart, expected, around=0.0)
+    curves = _banded(axis, style.NED, filtered.time, difference, expected, around=0.0)
     note = "filtered minus smoothed position; band: ±3 sd as expected of the difference"
     return [axis.panel("separation", "Forward-backward separation", "separation [m]", curves, note=note)]
 
@@ -244,11 +244,11 @@ def _motion(found: EvaluatedRun, axis: RunAxis) -> list[Panel]:
         tilts += [Curve(n, time, columns[:, 2 + k], style.AXIS_COLOURS[k], mode=mode) for k, n in enumerate(_RPH[:2])]
         headings.append(Curve("heading", time, wrapped(columns[:, 4]), style.BLUE, mode=mode))
     if gps is not None:
-        at = axis.clock(gps.time)
-        speeds.insert(0, Curve("GPS", at, np.linalg.norm(gps.v_n, axis=1), style.GREY, "points"))
-        heights.insert(0, Curve("GPS, at the antenna", at, gps.lla[:, 2], style.GREY, "points"))
+        axis_time = axis.clock(gps.time)
+        speeds.insert(0, Curve("GPS", axis_time, np.linalg.norm(gps.v_n, axis=1), style.GREY, "points"))
+        heights.insert(0, Curve("GPS, at the antenna", axis_time, gps.lla[:, 2], style.GREY, "points"))
         named = ("satellites", gps.satellites, style.BLUE), ("DOP", gps.dop, style.ORANGE)
-        seen = [Curve(name, at, values, color, "points") for name, values, color in named if values is not None]
+        seen = [Curve(name, axis_time, values, color, "points") for name, values, color in named if values is not None]
     return [
         axis.panel("speed", "Speed", "speed [m/s]", speeds),
         axis.panel("height", "Height", "height [m]", heights, note="height of the IMU, datum of the fixes"),
@@ -259,15 +259,15 @@ def _motion(found: EvaluatedRun, axis: RunAxis) -> list[Panel]:
 
 
 def _events(run: Run, axis: RunAxis) -> list[Panel]:
-    """Draw marks of findings with a time, a row per code; of many per code only some are marked."""
+    """Draw marks of findings that have a time, a row per code; at most `EVENTS` marks per code."""
     timed = [each for each in run.events if each.timed]
     rows, curves = {each.code: render(each).title for each in timed}, []
     for row, code in enumerate(rows):
-        own = list(of_code(timed, code))
-        some = own[:: max(1, -(-len(own) // EVENTS))]
-        texts = tuple(f"{axis.clock.moment(each.begin, each.end)}: {axis.clock.sentence(each)}" for each in some)
-        at = axis.clock(np.array([each.begin for each in some]))
-        curves.append(Curve("event", at, np.full(len(some), float(row)), style.VERMILLION, "points", text=texts))
+        events = list(of_code(timed, code))
+        marked = events[:: max(1, -(-len(events) // EVENTS))]
+        texts = tuple(f"{axis.clock.moment(each.begin, each.end)}: {axis.clock.sentence(each)}" for each in marked)
+        x = axis.clock(np.array([each.begin for each in marked]))
+        curves.append(Curve("event", x, np.full(len(marked), float(row)), style.VERMILLION, "points", text=texts))
     if not curves:
         return []
     height = 70 + 34 * len(rows)
@@ -276,7 +276,7 @@ def _events(run: Run, axis: RunAxis) -> list[Panel]:
 
 
 def run_track(found: EvaluatedRun) -> Track:
-    """Draw the track from above, with fixes, outages and rejected positions."""
+    """Draw a map: the track of the better solution, fixes, outages, rejected positions, reference, backdrop."""
     run, gps, axis = found.run, found.gps, RunAxis.of(found.run)
     solution = found.best
     rows = np.unique(np.linspace(0, len(solution.time) - 1, MAP_POINTS).round().astype(np.int64))
@@ -292,14 +292,15 @@ def run_track(found: EvaluatedRun) -> Track:
             Shade("horizontal error [m]", np.interp(time, each.time, each.horizontal, np.nan, np.nan), mode=mode)
         )
     speed = Shade("speed [m/s]", np.linalg.norm(solution.v_n[rows], axis=1))
-    first = {each.name: each for each in reversed([*shades, speed])}  # of the better solution, shown first if it varies
+    # the map shows the first quantity in this order: quantities that vary in the better solution come first
+    first = {each.name: each for each in reversed([*shades, speed])}
     shades = sorted([*shades, speed], key=lambda each: _even(first[each.name]))
     if gps is not None and gps.fix is not None and len(gps.time):
         shades.append(Shade("fix", gps.fix[nearest_rows(gps.time, time)].astype(np.float64), _FIX_TYPES))
     if np.isfinite(run.innovations.nis_position).any():
-        known = np.isfinite(run.innovations.nis_position)
-        at, nis = run.innovations.time[known], run.innovations.nis_position[known] / 3.0
-        shades.append(Shade("NIS of position, per axis [-]", nis[nearest_rows(at, time)]))
+        has_nis = np.isfinite(run.innovations.nis_position)
+        nis_time, nis = run.innovations.time[has_nis], run.innovations.nis_position[has_nis] / 3.0
+        shades.append(Shade("NIS of position, per axis [-]", nis[nearest_rows(nis_time, time)]))
     fixes = None if gps is None else ned_offset(gps.lla, origin)[:, [1, 0]]
     behind = *_reference(found, origin), *_rejected(run, time, position)
     if found.backdrop is not None:
@@ -313,13 +314,13 @@ def run_track(found: EvaluatedRun) -> Track:
 
 
 def _even(shade: Shade) -> bool:
-    """Return whether a quantity is constant along the whole track."""
+    """Return whether a quantity hardly varies along the track, so that its colours would show nothing."""
     low, high = np.nanpercentile(shade.values, (2.0, 98.0)) if np.isfinite(shade.values).any() else (0.0, 0.0)
     return bool(high < _VARIES * low or high == 0.0)
 
 
 def _reference(found: EvaluatedRun, origin: FloatArray) -> Iterator[Curve]:
-    """Draw the reference: the better solution minus its errors."""
+    """Draw the track of the reference, computed as the better solution minus its errors."""
     for mode, errors in [*found.known_errors.items()][:1]:
         time, track = found.solutions[mode].time, ned_offset(found.solutions[mode].lla, origin)
         rows = np.unique(np.linspace(0, len(errors.time) - 1, MAP_POINTS).round().astype(np.int64))
@@ -328,20 +329,20 @@ def _reference(found: EvaluatedRun, origin: FloatArray) -> Iterator[Curve]:
 
 
 def _rejected(run: Run, time: FloatArray, position: FloatArray) -> tuple[Curve, ...]:
-    """Mark rejected fixes at their measured position: solution plus innovation."""
+    """Draw crosses at the measured positions of rejected fixes, computed as solution plus innovation."""
     fixes = run.innovations
     refused = np.isfinite(fixes.innovation[:, :2]).all(axis=1) & ~fixes.used_position
     if not refused.any():
         return ()
-    at, off = fixes.time[refused], fixes.innovation[refused]
-    north, east = (np.interp(at, time, position[:, k]) + off[:, k] for k in (0, 1))
-    return (Curve(f"position rejected ({len(at)})", east, north, style.VERMILLION, "crosses"),)
+    fix_time, innovation = fixes.time[refused], fixes.innovation[refused]
+    north, east = (np.interp(fix_time, time, position[:, k]) + innovation[:, k] for k in (0, 1))
+    return (Curve(f"position rejected ({len(fix_time)})", east, north, style.VERMILLION, "crosses"),)
 
 
 def figure_drawings(name: str, found: EvaluatedRun) -> tuple[str, str, tuple[Drawing, ...], int]:
-    """Build one figure of a run by name: title, explanation, drawings, columns.
+    """Build one figure of a run by name; figures of a single solution show the better one.
 
-    A single solution is the better one, as on the page.
+    Returns: title, explanation, drawings, number of columns.
     """
     solution, fixes = found.run.solution, found.run.innovations
     if name.endswith("_error"):
@@ -361,7 +362,7 @@ def figure_drawings(name: str, found: EvaluatedRun) -> tuple[str, str, tuple[Dra
         panels, columns = _innovations(found)
         return "Innovations: measured minus predicted", f"accepted: {', '.join(shares)}", panels, columns
     best = next(iter(found.solutions))
-    whole = {
+    figures = {
         "error_distribution": (f"Distribution of the horizontal error, {best}", "", error_distribution),
         "height": ("Height, with the datum of the fixes", "band: ±3 sd; fixes at the antenna", _height),
         "velocity": ("Velocity of the solution", "band: ±3 sd; fixes at the antenna", _velocity),
@@ -369,7 +370,7 @@ def figure_drawings(name: str, found: EvaluatedRun) -> tuple[str, str, tuple[Dra
         "uncertainty": ("Standard deviation of the solution", "smoothed (RTS): from all fixes", _uncertainty),
         "biases": (f"Estimated sensor errors, {best}", "line: estimate; band: ±3 sd", _sensor_errors),
     }
-    title, note, make = whole[name]
+    title, note, make = figures[name]
     return title, note, make(found), 1
 
 
@@ -380,12 +381,12 @@ def _panel(found: EvaluatedRun, label: str, curves: Sequence[Curve], *, title: s
 def _lines(
     found: EvaluatedRun, time: FloatArray, value: FloatArray, half: FloatArray, mode: str, name: str = ""
 ) -> list[Curve]:
-    """Draw a line with a band around it, or around zero for an error; `value`, `half` (n,)."""
+    """Draw a line (n,) with a band of half width (n,) around it, or around zero if it has no `name`: an error."""
     colour, shade = _COLOURS[mode]
-    at, columns = broken_at_gaps(Clock.of(found.run.solution.time)(time), np.column_stack((value, half)))
+    x, columns = broken_at_gaps(Clock.of(found.run.solution.time)(time), np.column_stack((value, half)))
     middle = columns[:, 0] if name else 0.0
-    band = Curve(f"±3 sd, {mode}", at, middle + columns[:, 1], shade, "band", middle - columns[:, 1])
-    return [band, Curve(name or mode, at, columns[:, 0], colour)]
+    band = Curve(f"±3 sd, {mode}", x, middle + columns[:, 1], shade, "band", middle - columns[:, 1])
+    return [band, Curve(name or mode, x, columns[:, 0], colour)]
 
 
 def _errors(found: EvaluatedRun, group: str) -> tuple[Panel, ...]:
@@ -406,7 +407,7 @@ def _errors(found: EvaluatedRun, group: str) -> tuple[Panel, ...]:
 def _state(
     found: EvaluatedRun, label: str, value: FloatArray, column: int, fixes: FloatArray | None = None, **how: Any
 ) -> Panel:
-    """Draw one state of the solution with its measured fixes; `column` of its standard deviation."""
+    """Draw a state (n,) of the better solution with its 3 sd, and fixes (m,). `column`: column of the state's sd."""
     (mode, solution), gps = next(iter(found.solutions.items())), found.gps
     size = 1.0 / DEG if label.endswith("[deg]") else 1.0
     half = np.full_like(value, np.nan) if solution.sd is None else 3.0 * size * solution.sd[:, column]
@@ -440,7 +441,7 @@ def _attitude(found: EvaluatedRun) -> tuple[Panel, ...]:
 
 
 def readable_heading(heading: FloatArray) -> tuple[FloatArray, bool]:
-    """Return a heading [rad] in degrees: unwrapped (True) within `_BEYOND` of 0..360, else wrapped with breaks."""
+    """Convert a heading (n,) [rad] to [deg]: unwrapped and True if within `_BEYOND` of 0..360; else wrapped, False."""
     smooth = np.degrees(np.unwrap(heading))
     if smooth.min() > -_BEYOND and smooth.max() < 360.0 + _BEYOND:
         return smooth, True
@@ -460,11 +461,11 @@ def _uncertainty(found: EvaluatedRun) -> tuple[Panel, ...]:
         time, columns = broken_at_gaps(Clock.of(found.run.solution.time)(solution.time), np.column_stack(sizes))
         for k in range(4):
             curves[k].append(Curve(mode, time, columns[:, k], _COLOURS[mode][0]))
-    return tuple(_panel(found, label, own, log="y") for label, own in zip(labels, curves, strict=True))
+    return tuple(_panel(found, label, lines, log="y") for label, lines in zip(labels, curves, strict=True))
 
 
 def _innovations(found: EvaluatedRun) -> tuple[tuple[Panel, ...], int]:
-    """Draw innovations of each component and NIS, with columns for measured positions and velocities."""
+    """Draw the innovations of each component and the NIS; one column of panels for positions, one for velocities."""
     fixes = found.run.innovations
     time = Clock.of(found.run.solution.time)(fixes.time)
     groups = [i for i in (0, 1) if np.isfinite(fixes.innovation[:, 3 * i : 3 * i + 3]).any()]
@@ -475,9 +476,10 @@ def _innovations(found: EvaluatedRun) -> tuple[tuple[Panel, ...], int]:
             value, sd = fixes.innovation[:, 3 * i + k], 3.0 * fixes.sd[:, 3 * i + k]
             used: BoolArray = getattr(fixes, f"used_{group}") & np.isfinite(value)
             refused = np.isfinite(value) & ~used
+            # the axis shows all accepted innovations and the usual 3 sd; rejected fixes may lie outside
             expected = sd[used] if used.any() else sd[refused]
-            usual = float(np.percentile(expected, 98.0)) if expected.size else 0.0
-            limit = 1.1 * max(float(np.max(np.abs(value[used]), initial=0.0)), usual, 1e-9)
+            typical = float(np.percentile(expected, 98.0)) if expected.size else 0.0
+            limit = 1.1 * max(float(np.max(np.abs(value[used]), initial=0.0)), typical, 1e-9)
             curves = [
                 Curve("±3 sd", time, sd, style.SKY, "band", -sd),
                 Curve("accepted", time[used], value[used], style.BLUE, "points"),
@@ -511,6 +513,7 @@ def _sensor_errors(found: EvaluatedRun) -> tuple[Panel, ...]:
             middle, wide = value[:, axis], half[:, axis]
             curves.append(Curve("", time, middle + wide, colour, "band", middle - wide))
             curves.append(Curve("xyz"[axis], time, middle, colour))
+        # the axis shows the whole estimate, but its band only after the first fifth of the run
         low = min(float(np.nanmin(value)), float(np.nanmin((value - half)[later:])))
         high = max(float(np.nanmax(value)), float(np.nanmax((value + half)[later:])))
         margin = 0.05 * (high - low) or 1.0
@@ -519,7 +522,7 @@ def _sensor_errors(found: EvaluatedRun) -> tuple[Panel, ...]:
 
 
 def drive_figure(recording: Recording) -> Any:
-    """Draw angular rates, specific forces, fixes and their velocities over one time axis; gaps are shaded."""
+    """Draw the data of a recording over time: angular rates, specific forces, fixes and velocities; gaps are shaded."""
     imu, gps = recording.imu.data, recording.gps
     clock, step = Clock.of(imu.time), per_sample(imu)
     rows: list[tuple[str, str, FloatArray, FloatArray, tuple[str, ...], Kind]] = [
@@ -530,8 +533,8 @@ def drive_figure(recording: Recording) -> Any:
         time, offset = gps.data.time, ned_offset(gps.data.lla, gps.data.lla[0])
         rows.append(("Fixes, relative to the first", "distance [m]", time, offset, style.NED, "points"))
         rows.append(("Velocity of the fixes", "velocity [m/s]", time, gps.data.v_n, style.NED, "points"))
-    given = recording.given().values()
-    gaps = [(each.begin, each.begin + each["gap_s"]) for one in given for each in of_code(one.events, Code.ROWS_GAP)]
+    files = recording.given().values()
+    gaps = [(each.begin, each.begin + each["gap_s"]) for file in files for each in of_code(file.events, Code.ROWS_GAP)]
     spans = tuple((float(begin), float(end)) for begin, end in clock(np.reshape(gaps, (-1, 2))))
     panels = [
         Panel(title, title, label, clock.label, tuple(curves), "time", spans=spans)
@@ -542,7 +545,7 @@ def drive_figure(recording: Recording) -> Any:
         ]
     ]
     title = f"{style.duration_text(np.ptp(imu.time))} of data, {len(gaps)} gap{'s' * (len(gaps) != 1)}"
-    from insnav.report.figures import draw_drawings, drawing  # which import matplotlib
+    from insnav.report.figures import draw_drawings, drawing  # imports matplotlib, needed only to draw figures
 
     with drawing():
         return draw_drawings(panels, title, "body axes as read; shaded: gaps in any of the files")

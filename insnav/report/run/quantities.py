@@ -21,10 +21,11 @@ from insnav.report.tables import of_table
 from insnav.sample_statistics import rms, rms_length
 from insnav.types import Alignment, BoolArray, FloatArray, Run, SensorErrors, Trajectory
 
-if TYPE_CHECKING:  # a run has no fleet
+if TYPE_CHECKING:  # only type hints need `insnav.fleet`
     from insnav.fleet.tuning import Tuned
 
-TIMES = (10.0, 30.0, 60.0)  # since the start of a window [s]
+TIMES = (10.0, 30.0, 60.0)  # times since the start of a window in the table of short-duration mechanization [s]
+# columns of this table: attribute of `ShortWindow`, key, unit, label
 _ROWS = (
     ("position", "position", "m", "position"),
     ("dropped", "position_by_dropped_terms", "m", "by dropped terms"),
@@ -35,7 +36,7 @@ _ROWS = (
 
 
 def short_section(windows: Sequence[ShortWindow]) -> Section:
-    """Build RMS and largest horizontal difference after some times."""
+    """Tabulate and draw the difference between short-duration and full mechanization: RMS and largest, horizontal."""
     after = {}
     for time in TIMES:
         sizes = {key: size_at(windows, name, time) for name, key, _, _ in _ROWS}
@@ -57,12 +58,12 @@ def short_section(windows: Sequence[ShortWindow]) -> Section:
 
 
 def short_panels(windows: Sequence[ShortWindow]) -> Iterator[Panel]:
-    """Draw the difference of short and full form in every window, and the share of the dropped terms."""
+    """Draw the difference between short-duration and full mechanization in every window, and its RMS by cause."""
     elapsed = windows[0].elapsed
 
     def sizes(name: str) -> FloatArray:
-        each = (np.hypot(*getattr(window, name)[:, :2].T) for window in windows)
-        return np.array([np.interp(elapsed, w.elapsed, size) for w, size in zip(windows, each, strict=True)])
+        horizontal = (np.hypot(*getattr(window, name)[:, :2].T) for window in windows)
+        return np.array([np.interp(elapsed, w.elapsed, size) for w, size in zip(windows, horizontal, strict=True)])
 
     def mean(name: str) -> FloatArray:
         return np.asarray(np.sqrt(np.mean(sizes(name) ** 2, axis=0)))
@@ -83,7 +84,7 @@ def short_panels(windows: Sequence[ShortWindow]) -> Iterator[Panel]:
 
 
 def short_columns(windows: Sequence[ShortWindow]) -> dict[str, FloatArray]:
-    """Return the columns of ``short.csv``: time, and every difference of every window."""
+    """Return the columns of ``short.csv``: time, window start, and the differences on each axis in all windows."""
     columns = {
         "time_s": np.round(np.concatenate([w.start + w.elapsed for w in windows]), 9),
         "window_start_s": np.concatenate([np.full(len(w.elapsed), w.start) for w in windows]),
@@ -113,11 +114,7 @@ _REASONS = {
 
 
 def run_sections(found: EvaluatedRun, reference: str = "") -> tuple[Section, ...]:
-    """Build the quantities of a run, in page order.
-
-    Returns: accuracy, smoothed, solution, fixes, aiding, outages, sensor errors, noise, alignment, short-duration
-    mechanization and events, without figures.
-    """
+    """Build the sections with all quantities of a run, in page order: accuracy first, events last."""
     run = found.run
     events = Quantity("events", dict(sorted(Counter(event.code.value for event in run.events).items())))
     spans = [
@@ -140,28 +137,29 @@ def run_sections(found: EvaluatedRun, reference: str = "") -> tuple[Section, ...
 
 
 def noise_section(found: NoiseEstimate | Tuned) -> Section:
-    """Build the noise estimates of IMU and fixes from innovations."""
-    items = []
+    """Tabulate the noise parameters of IMU and fixes that were estimated from innovations, with 95 % intervals."""
+    quantities = []
     for figure in found.figures:
         name, interval = figure.key.replace(".", " ").replace("_", " "), (figure.low, figure.high)
-        if figure.key.startswith("gps.") and not figure.unit:  # a factor on the reported sd, or a share of variance
+        # GPS parameters without unit are a share of the variance, or factors of the reported sd
+        if figure.key.startswith("gps.") and not figure.unit:
             name += " of time-correlated variance" if figure.key == "gps.share" else ", factor of sd"
         name += "" if figure.observable else ", not observable: the prior"
-        items.append(Quantity(figure.key.replace(".", "_"), figure.value, figure.unit, None, interval, name))
-    items += [*of_table("run.likelihood", found)]
+        quantities.append(Quantity(figure.key.replace(".", "_"), figure.value, figure.unit, None, interval, name))
+    quantities += [*of_table("run.likelihood", found)]
     note = (
         "imu.toml is the IMU for --imu. gps: factors of sd. prior: the preset. Prior of white gyro noise: "
         "the noise of a minute at rest (0.1 to 0.5 Hz)"
     )
-    return Section("noise", "Noise from the innovations", tuple(items), note=note)
+    return Section("noise", "Noise from the innovations", tuple(quantities), note=note)
 
 
 def alignment_items(alignment: Alignment) -> tuple[Quantity, ...]:
-    """Build the quantities of an alignment."""
+    """Build the quantities of an alignment: time, attitude with its sd, and methods."""
     (roll, pitch, heading), (north, east, down) = alignment.rph, alignment.sd
     time, *level = of_table("run.level", alignment, roll=roll, pitch=pitch, tilt_north_sd=north, tilt_east_sd=east)
-    turned = Quantity("heading", heading % (2.0 * np.pi), "deg", sd=down)
-    return (time, *level, turned, *of_table("run.alignment", alignment))
+    heading_quantity = Quantity("heading", heading % (2.0 * np.pi), "deg", sd=down)
+    return (time, *level, heading_quantity, *of_table("run.alignment", alignment))
 
 
 def _solution(solution: Trajectory) -> Section:
@@ -191,14 +189,14 @@ def _state(solution: Trajectory, row: int) -> tuple[Quantity, ...]:
 def _fixes(run: Run) -> Section:
     fixes = run.innovations
     codes = Counter(event.code for event in run.events)
-    taken = "" if np.any(run.lever_b) or np.any(run.lever_sd > 0.0) else "(not estimated: taken as zero)"
+    remark = "" if np.any(run.lever_b) or np.any(run.lever_sd > 0.0) else "(not estimated: taken as zero)"
     groups = {
         "position": _innovations(fixes.innovation[:, :3], fixes.used_position, "m", mean_nis(run, "position")),
         "velocity": _innovations(fixes.innovation[:, 3:], fixes.used_velocity, "m/s", mean_nis(run, "velocity")),
     }
     items = (
         Quantity("delay", run.gps_delay, "s", sd=run.gps_delay_sd),
-        Quantity("lever_arm", run.lever_b, "m", sd=run.lever_sd, mark=taken),
+        Quantity("lever_arm", run.lever_b, "m", sd=run.lever_sd, mark=remark),
         Quantity("rejected_for", {why: codes[code] for code, why in _REASONS.items() if codes[code]}),
     )
     parts = (one_each("", "GPS fixes", groups, "GPS", "NIS per axis is 1 if fixes and filter agree"),)
@@ -206,26 +204,26 @@ def _fixes(run: Run) -> Section:
 
 
 def mean_nis(run: Run, *halves: str) -> float | None:
-    """Compute the mean NIS per axis of the accepted fixes, as used: one if the stated sd is right.
+    """Compute the mean NIS per axis of the accepted fixes: 1 if the stated sd is right; None without fixes.
 
-    `halves`: position, velocity, or both by default. A de-weighted fix counts with the covariance that reduces its NIS
-    to the gate limit.
+    `halves`: "position", "velocity"; by default both. The NIS of a de-weighted fix counts as the gate limit, since its
+    covariance was increased until it passed the gate.
     """
     fixes, deweighted = run.innovations, of_code(run.events, Code.DEWEIGHTED_POSITION, Code.DEWEIGHTED_VELOCITY)
     limit = min((event.limit for event in deweighted), default=np.inf)
-    chosen = halves or ("position", "velocity")
-    sizes = np.concatenate([getattr(fixes, f"nis_{name}")[getattr(fixes, f"used_{name}")] for name in chosen])
-    known = np.minimum(sizes[np.isfinite(sizes)], limit)
-    return float(known.mean()) / 3.0 if known.size else None
+    groups = halves or ("position", "velocity")
+    nis = np.concatenate([getattr(fixes, f"nis_{name}")[getattr(fixes, f"used_{name}")] for name in groups])
+    finite = np.minimum(nis[np.isfinite(nis)], limit)
+    return float(finite.mean()) / 3.0 if finite.size else None
 
 
 def _innovations(innovation: FloatArray, used: BoolArray, unit: str, nis: float | None) -> tuple[Quantity, ...]:
-    known = np.isfinite(innovation)
-    processed = known.any(axis=1)
-    counted = np.where(known & used[:, None], innovation, np.nan)
-    sizes = Quantity("innovation_rms", [rms(each) for each in counted.T], unit, meaning="innovation RMS N, E, D")
+    finite = np.isfinite(innovation)
+    processed = finite.any(axis=1)
+    accepted = np.where(finite & used[:, None], innovation, np.nan)
+    rms_by_axis = Quantity("innovation_rms", [rms(each) for each in accepted.T], unit, meaning="innovation RMS N, E, D")
     count = {"accepted": int((processed & used).sum()), "rejected": int((processed & ~used).sum())}
-    return (*of_table("run.fixes", processed=int(processed.sum()), **count, nis_mean_per_axis=nis), sizes)
+    return (*of_table("run.fixes", processed=int(processed.sum()), **count, nis_mean_per_axis=nis), rms_by_axis)
 
 
 def _aiding(run: Run) -> Section:
@@ -255,14 +253,14 @@ def _accuracy(title: str, errors: TrajectoryErrors | None, reference: str) -> Se
         part: () if figures is None else tuple(quantity_of(key, value) for key, value in figures.items())
         for part, figures in accuracy_by_motion(errors).items()
     }
-    counted = of_table("run.compared", reference=reference, epochs=len(errors.time), moving_is_faster_than=MOVING_M_S)
+    about = of_table("run.compared", reference=reference, epochs=len(errors.time), moving_is_faster_than=MOVING_M_S)
     each = (only_json(part, *items) if items else only_json("", Quantity(part, None)) for part, items in parts.items())
     table = _accuracy_table(title, parts)
-    return Section("accuracy", parts=(only_json("", *counted), *each, table, _consistency(nees(errors))))
+    return Section("accuracy", parts=(only_json("", *about), *each, table, _consistency(nees(errors))))
 
 
 def _reference_offset(found: ReferenceOffset) -> Section:
-    """Build the constant parts of the difference to the reference."""
+    """Tabulate constant differences from the reference: position of its reference point on the vehicle, and height."""
     items = (
         Quantity("forward", found.body[0], "m", sd=found.body_sd[0], meaning="point of the reference, forward"),
         Quantity("right", found.body[1], "m", sd=found.body_sd[1], meaning="point of the reference, right"),
@@ -273,25 +271,25 @@ def _reference_offset(found: ReferenceOffset) -> Section:
 
 
 def _accuracy_table(title: str, parts: Mapping[str, tuple[Quantity, ...]]) -> Section:
-    """Tabulate errors in rows; RMS, 95 % and largest of each part of the drive in turn."""
-    named = {part: {each.key: each for each in items} for part, items in parts.items() if items}
-    if len(named) == 2:  # the run is entirely static or moving
-        named = {"all": named["all"]}
+    """Tabulate the errors: a row for each; columns RMS, 95 %, largest for the whole drive, stationary, and moving."""
+    by_part = {part: {each.key: each for each in items} for part, items in parts.items() if items}
+    if len(by_part) == 2:  # a drive entirely stationary or moving: its one part equals the whole
+        by_part = {"all": by_part["all"]}
     rows = [
         (
-            Quantity("error", f"{each.label} [{each.shown_unit}]"),
-            *(_shown(part, own[each.key]) for part, own in named.items()),
+            Quantity("error", f"{error.label} [{error.shown_unit}]"),
+            *(_shown(part, quantities[error.key]) for part, quantities in by_part.items()),
         )
-        for each in SHOWN_ERRORS
-        if named["all"][each.key].value is not None
+        for error in SHOWN_ERRORS
+        if by_part["all"][error.key].value is not None
     ]
     return Section("", title, rows=tuple(rows), note=f"Moving: faster than {MOVING_M_S:g} m/s.")
 
 
 def _shown(part: str, error: Quantity) -> Quantity:
-    """Build statistics of an error in its unit, which is in the row name."""
-    found = error.scaled(error.value) or {}
-    return Quantity(part, {name: found.get(name) for name in SHOWN_STATISTICS})
+    """Build the statistics of an error, converted to its display unit: the name of the row contains this unit."""
+    statistics = error.scaled(error.value) or {}
+    return Quantity(part, {name: statistics.get(name) for name in SHOWN_STATISTICS})
 
 
 def _consistency(found: Mapping[str, Any] | None) -> Section:
@@ -305,12 +303,12 @@ def _consistency(found: Mapping[str, Any] | None) -> Section:
 
 
 def _smoothed(found: EvaluatedRun, reference: str) -> Section:
-    """Build the effect of smoothing: uncertainty, and error with a reference, compared with the filter's."""
+    """Tabulate the effect of smoothing: sd, and errors against a reference, relative to the filtered solution."""
     run = found.run
     if run.smoothed is None:
         return only_json("", Quantity("smoothed", None))
-    both = (run.solution.sd, run.smoothed.solution.sd)
-    sd = [None if each is None else rms_length(each[:, :2]) for each in both]
+    sds = (run.solution.sd, run.smoothed.solution.sd)
+    sd = [None if each is None else rms_length(each[:, :2]) for each in sds]
     items = [
         Quantity("horizontal_sd", sd[1], "m"),
         Quantity("horizontal_sd_ratio", _ratio(sd[1], sd[0]), meaning="horizontal sd, smoothed / filtered"),

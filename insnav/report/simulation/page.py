@@ -1,4 +1,4 @@
-"""Simulated recordings, one or many: data or a row for each run, their models, and a page."""
+"""Reports and files of simulations: one recording with its data, or an ensemble of runs with its statistics."""
 
 from __future__ import annotations
 
@@ -42,18 +42,19 @@ from insnav.simulate.truth import Kinematics, Truth
 from insnav.types import FloatArray, IntArray
 from insnav.units import DEG
 
-_AT_REST = 0.01  # largest speed of a motion whose sketch shows rates instead [m/s]
+_AT_REST = 0.01  # a motion up to this speed is stationary: its sketch shows angular rate instead of speed [m/s]
 _DRAWN = 20_000  # largest number of instants of the motion in reports
-_DRAWN_RATE = 97.0  # no multiple of usual motion rates, to avoid missing their peaks [Hz]
+_DRAWN_RATE = 97.0  # rate of these instants: no multiple of usual motion frequencies, whose peaks it would miss [Hz]
 _GRAVITY = {
     "plumb": "without its north component: for comparison with packages that omit it",
     "linear": "without its north component, and linear in height: for comparison with packages that use this model",
 }
 _SAMPLES = {"mean": "means over their interval", "instant": "values at an instant", "increment": "increments"}
-_FACTORS = np.array([1.0] * 6 + [1.0 / DEG] * 3)
-_MUCH, _TOO_GOOD = 0.3, 2.0  # share of time-correlated errors, and NEES, that explain each other
-_MATTERS = 1.25  # NEES up to which the stated sd is right to an eighth
-_SHOWN = 5  # failures listed individually
+_FACTORS = np.array([1.0] * 6 + [1.0 / DEG] * 3)  # SI to display units of `COMPONENTS`
+# A note explains a large NEES of position by time-correlated fixes above these limits: share of variance, NEES [-].
+_MUCH, _TOO_GOOD = 0.3, 2.0
+_MATTERS = 1.25  # the verdict ignores a smaller NEES per axis: the stated sd is then too small by an eighth at most [-]
+_SHOWN = 5  # largest number of failures that are listed individually
 _COUNTS = ("positions", "rejected", "resets")
 _COMPONENTS = tuple(
     (axis if group == "attitude" else f"{axis} {group}", unit) for group, unit, _, axes in ERRORS for axis in axes
@@ -62,7 +63,7 @@ _UNITS = tuple(unit for _, unit in _COMPONENTS)
 
 
 def write_recording(folder: RunFolder, plan: Plan, made: Recording) -> tuple[Path, Page]:
-    """Write a simulated recording and commit its folder. `folder`: entered, not committed."""
+    """Write the data, models and report of a simulated recording into an open folder, and commit it."""
     write_data(folder.path("imu.csv"), made.imu)
     write_data(folder.path("gps.csv"), made.gps)
     write_data(folder.path("ref.csv"), made.reference)
@@ -74,14 +75,14 @@ def write_recording(folder: RunFolder, plan: Plan, made: Recording) -> tuple[Pat
 
 
 def recording_page(plan: Plan, made: Recording) -> Page:
-    """Lay out a simulated recording; its last line is the command that navigates it."""
+    """Lay out a simulated recording; the last line of the summary is the command that navigates the recording."""
     time, motion = seen(plan.truth)
     command = run_command(plan, made.lever_b, motion)
     samples = f"{len(made.imu.time)} samples at {plan.rate:g} Hz, {_SAMPLES[plan.sampling]}"
     counts = of_table(
         "simulation.counts", made, imu_samples=len(made.imu.time), gps_fixes=len(made.gps.time), command=command
     )
-    moved = motion_section(plan, time, motion)
+    motion_part = motion_section(plan, time, motion)
     absent = () if plan.imu is None else plan.imu.absent
     realisation = () if made.errors is None else (_realisation(made.errors),)
     return Page(
@@ -93,9 +94,9 @@ def recording_page(plan: Plan, made: Recording) -> Page:
             *(entry("fault", text) for text in plan.configuration.get("fault", [])),
             entry("next", command),
         ),
-        (motion_drawings(plan, time, motion), moved, *realisation, sensor_section(plan, *counts)),
+        (motion_drawings(plan, time, motion), motion_part, *realisation, sensor_section(plan, *counts)),
         findings=(Finding.of(Code.SIMULATION_ABSENT, terms=absent),) if absent else (),
-        merits=(*moved.items[:3], *counts[:2], sensor_section(plan).items[0]),
+        merits=(*motion_part.items[:3], *counts[:2], sensor_section(plan).items[0]),
         verdict=Verdict(
             "good",
             "the exact motion is in ref.csv",
@@ -107,7 +108,7 @@ def recording_page(plan: Plan, made: Recording) -> Page:
 
 
 def model_texts(plan: Plan) -> dict[str, str]:
-    """Return text files of the simulated motion profile, IMU and receiver."""
+    """Return contents of text files by name: simulated motion profile, IMU and GPS receiver, if not ideal."""
     texts = {
         "profile.toml": plan.motion.profile,
         "imu.toml": "" if plan.imu is None else to_toml(plan.imu),
@@ -117,7 +118,7 @@ def model_texts(plan: Plan) -> dict[str, str]:
 
 
 def plan_metadata(plan: Plan) -> dict[str, Any]:
-    """Return the first part of every simulation's ``run.json``: versions, options, seed and IMU model."""
+    """Return the first part of the ``run.json`` of a simulation: options, seed, IMU model and faults."""
     model = (
         {"name": IDEAL}
         if plan.imu is None
@@ -128,12 +129,12 @@ def plan_metadata(plan: Plan) -> dict[str, Any]:
 
 
 def model_name(model: ImuSpec | GpsSpec | None) -> str:
-    """Return the name of a sensor model."""
+    """Return the name of a sensor model; None is an ideal sensor."""
     return IDEAL if model is None else model.name
 
 
 def sensor_section(plan: Plan, *more: Quantity) -> Section:
-    """Build rate, sampling and receiver of a simulation, and further quantities, for ``run.json``."""
+    """Build the quantities of sensor sampling and GPS receiver of a simulation, then `more`, for ``run.json``."""
     items = (
         Quantity("imu_rate", plan.rate, "Hz"),
         Quantity("imu_sampling", plan.sampling),
@@ -148,13 +149,13 @@ def sensor_section(plan: Plan, *more: Quantity) -> Section:
 
 
 def correlated_share(gps: GpsSpec) -> float:
-    """Compute the time-correlated share of a receiver's horizontal error variance [-]."""
+    """Compute the time-correlated share of the variance of a GPS receiver's horizontal errors [-]."""
     errors = gps.errors
     return float(np.sum(np.array(errors.position_drift[:2]) ** 2) / np.sum(errors.position_sd[:2] ** 2))
 
 
 def plan_key(plan: Plan) -> str:
-    """Compute a digest of everything that determines the runs: simulation and software versions."""
+    """Compute a SHA-256 digest of all that determines simulated runs: options, motion, models, seed, versions."""
     content = {
         "versions": versions(),
         "configuration": plan.configuration,
@@ -166,14 +167,14 @@ def plan_key(plan: Plan) -> str:
 
 
 def write_sketches(folder: RunFolder, profiles: Sequence[MotionProfile]) -> Path:
-    """Draw a sketch of every profile into a folder and commit it. `folder`: entered, not committed."""
+    """Write a page with a sketch of every motion profile into an open folder, and commit it."""
     rows = tuple(of_table("simulation.profile", each) for each in profiles)
     sketches = tuple(_sketch(each) for each in profiles)
     return write_page(folder, Page("Motion profiles", (), (Section("profiles", rows=rows), *sketches)))
 
 
 def _sketch(profile: MotionProfile) -> Section:
-    """Draw track and speed of a profile."""
+    """Draw track and speed of a motion profile."""
     time, motion = seen(profile.truth(0))
     track = drawn(profile.name, profile.purpose, (simulated_track(time, motion, f"track_{profile.name}"),))
     both = (*track.panels, sketch_panel(time, motion, profile.name))
@@ -182,13 +183,13 @@ def _sketch(profile: MotionProfile) -> Section:
 
 
 def seen(truth: Truth) -> tuple[FloatArray, Kinematics]:
-    """Return the instants of reports, and the motion there."""
+    """Return the instants at which reports show the motion (n,) [s], and the true motion at these."""
     time = times(truth, min(_DRAWN_RATE, _DRAWN / truth.duration))
     return time, truth.evaluate(time)
 
 
 def _realisation(errors: ImuErrors) -> Section:
-    """Build the constant errors of the sampled IMU."""
+    """Tabulate the constant errors of the simulated IMU, which were sampled from its specification."""
     gyro, accel = (np.diag(matrix) - 1.0 for matrix in (errors.gyro_matrix, errors.accel_matrix))
     items = of_table("simulation.realisation", errors, gyro_scale=gyro, accel_scale=accel)
     note = "constant errors, x, y, z; all of them: sensor_realisation.toml"
@@ -196,23 +197,24 @@ def _realisation(errors: ImuErrors) -> Section:
 
 
 def run_command(plan: Plan, lever_b: FloatArray, motion: Kinematics) -> str:
-    """Write the command that navigates the recording, from inside its folder.
+    """Write the command that navigates the recording, for use inside its folder.
 
-    `lever_b` (3,): antenna seen from the IMU, body axes [m].
+    `lever_b` (3,): position of the antenna relative to the IMU, body axes [m].
     """
     words = ["insnav", "run", "imu.csv", "--gps", "gps.csv", "--ref", "ref.csv"]
-    words += ["--lever-arm", ",".join(f"{length:g}" for length in lever_b)]  # also zero: unspecified means unknown
+    # the option is needed also for a lever arm of zero: without it, insnav would estimate the lever arm
+    words += ["--lever-arm", ",".join(f"{length:g}" for length in lever_b)]
     if plan.sampling == "instant":
         words += ["--imu-sampling", "instant"]
     if _hides_heading(plan, motion):
         words += ["--heading", f"{motion.rph[0, 2] / DEG:.1f}"]
-    # a filter needs some noise, also for an ideal IMU
+    # the filter needs IMU noise above zero: for an ideal IMU the command names the best grade
     return " ".join([*words, "--imu", "navigation" if plan.imu is None else "imu.toml"])
 
 
 def _hides_heading(plan: Plan, motion: Kinematics) -> bool:
     """Return whether neither course nor gyrocompass can determine the heading."""
-    # twice that speed: a course of moments is no heading
+    # `SLOWEST` is the speed that a heading from the course needs: brief motion near this speed does not suffice
     moves = float(np.linalg.norm(motion.v_n[:, :2], axis=1).max()) > 2.0 * SLOWEST
     if moves or plan.imu is None:
         return False
@@ -221,7 +223,7 @@ def _hides_heading(plan: Plan, motion: Kinematics) -> bool:
 
 
 def in_folder(command: str, folder: Path) -> str:
-    """Adapt the command of `run_command` for use outside its folder."""
+    """Add the folder to the file names in the command of `run_command`, for use outside the folder."""
     names = {"imu.csv", "gps.csv", "ref.csv", "imu.toml"}
     return shlex.join(str(folder / word) if word in names else word for word in command.split())
 
@@ -240,35 +242,35 @@ def motion_lines(plan: Plan, time: FloatArray, motion: Kinematics) -> list[str]:
     lines = [entry("motion", f"{plan.motion.name}: {extent}")]
     if plan.truth.gravity != "full":
         lines.append(entry("gravity", _GRAVITY[plan.truth.gravity]))
-    apart = plan.motion.residual
-    if apart is None:
+    deviation = plan.motion.residual
+    if deviation is None:
         return lines
-    velocity = f" and {number(apart.velocity)} m/s" if math.isfinite(apart.velocity) else ""
-    text = f"{number(apart.position)} m{velocity} RMS from its track, at most {number(apart.farthest)} m"
-    return [*lines, entry("replica", text), *(entry("warning", sentence(doubt)) for doubt in apart.doubts)]
+    velocity = f" and {number(deviation.velocity)} m/s" if math.isfinite(deviation.velocity) else ""
+    text = f"{number(deviation.position)} m{velocity} RMS from its track, at most {number(deviation.farthest)} m"
+    return [*lines, entry("replica", text), *(entry("warning", sentence(doubt)) for doubt in deviation.doubts)]
 
 
 def motion_section(plan: Plan, time: FloatArray, motion: Kinematics) -> Section:
-    """Build extent and dynamics of the motion, and the deviation of a simulated replica from its track."""
+    """Tabulate extent and dynamics of the motion, and for a simulated replica its deviation from the recorded track."""
     lat, lon, height = plan.truth.evaluate(np.array([plan.truth.start])).lla[0]
     heights = np.array([motion.lla[:, 2].min(), motion.lla[:, 2].max()])
     rate, force = (np.abs(values).max(axis=0) for values in (motion.w_ib_b, motion.f_b))
     speed, length = float(np.linalg.norm(motion.v_n, axis=1).max()), track_length(time, motion)
     sizes = {"distance": length, "max_speed": speed, "max_rate": rate, "max_specific_force": force}
     shown = of_table("simulation.motion", plan.truth, height_range=heights, **sizes)
-    place = of_table("simulation.start", plan.truth, start_lat=lat, start_lon=lon, start_height=height)
+    start = of_table("simulation.start", plan.truth, start_lat=lat, start_lon=lon, start_height=height)
     source = (Quantity(key, value) for key, value in plan.motion.source.items())
-    more = (Quantity("name", plan.motion.name), Quantity("purpose", plan.motion.purpose), *source, *place)
+    more = (Quantity("name", plan.motion.name), Quantity("purpose", plan.motion.purpose), *source, *start)
     parts = [only_json("", *more)]
-    if (apart := plan.motion.residual) is not None:
-        doubts = only_json("", Quantity("doubts", tuple(sentence(each, "en") for each in apart.doubts)))
-        items = of_table("simulation.replica", apart)
+    if (deviation := plan.motion.residual) is not None:
+        doubts = only_json("", Quantity("doubts", tuple(sentence(each, "en") for each in deviation.doubts)))
+        items = of_table("simulation.replica", deviation)
         parts.append(Section("replica", "Simulated replica minus its track", items, parts=(doubts,)))
     return Section("motion", f"Motion: {plan.motion.purpose or plan.motion.name}", shown, parts=tuple(parts))
 
 
 def motion_drawings(plan: Plan, time: FloatArray, motion: Kinematics) -> Section:
-    """Draw the motion: from above, and over time."""
+    """Draw the motion as a map, and over time."""
     name = plan.motion.name
     return beside(
         drawn("track", f"Simulated motion {name}", (simulated_track(time, motion),)),
@@ -277,8 +279,9 @@ def motion_drawings(plan: Plan, time: FloatArray, motion: Kinematics) -> Section
 
 
 def simulated_track(time: FloatArray, motion: Kinematics, key: str = "track") -> Track:
-    """Draw the track at times (n,) [s] seen from above, coloured by speed."""
-    r_e = earth_from_lla(motion.lla)  # on the tangent plane at the first position: poles are not special
+    """Draw a map of the motion at times (n,) [s], coloured by speed."""
+    # the map is the tangent plane at the first position, computed from Earth-centred vectors: this works at the poles
+    r_e = earth_from_lla(motion.lla)
     north, east, _ = dcm_from_quat(quat_earth_from_level(motion.lla[:1]))[0].T @ (r_e - r_e[0]).T
     shade = Shade("speed [m/s]", np.linalg.norm(motion.v_n, axis=1))
     lat, lon = np.degrees(motion.lla[0, :2])
@@ -301,7 +304,7 @@ def motion_panels(time: FloatArray, motion: Kinematics) -> tuple[Panel, ...]:
 
 
 def sketch_panel(time: FloatArray, motion: Kinematics, key: str) -> Panel:
-    """Draw the speed over times (n,) [s], or the rate at rest: with the track enough to choose a profile."""
+    """Draw the speed over times (n,) [s]; for a stationary motion, the angular rate."""
     speed = np.linalg.norm(motion.v_n, axis=1)
     if speed.max() > _AT_REST:
         row = ("Speed", "speed [m/s]", [("speed", speed, ORANGE)], 0.1)
@@ -318,10 +321,9 @@ def track_length(time: FloatArray, motion: Kinematics) -> float:
 
 
 def write_runs(folder: RunFolder, plan: Plan, runs: Runs) -> tuple[Path, Page]:
-    """Write an ensemble of runs and commit its folder.
+    """Write tables, models and report of an ensemble of runs into an open folder, and commit it.
 
-    `folder`: entered, not committed. `runs`: results of `insnav.errors.ensemble.NavigatedRecording`.
-    Raises: InputError: every run failed.
+    `runs`: results of `insnav.errors.ensemble.NavigatedRecording`. Raises: InputError: every run failed.
     """
     found = ensemble(runs, plan.truth)
     write_table(folder.path("runs.csv"), _rows(runs))
@@ -331,7 +333,7 @@ def write_runs(folder: RunFolder, plan: Plan, runs: Runs) -> tuple[Path, Page]:
 
 
 def ensemble_page(plan: Plan, found: Ensemble, runs: Runs) -> Page:
-    """Lay out an ensemble of simulated runs."""
+    """Lay out an ensemble of simulated runs: errors, consistency with the stated sd, and the motion."""
     time, motion = seen(plan.truth)
     columns = dict(zip(FIGURES, runs.figures.T, strict=True))
     share = inside(found).mean(axis=0) if len(found.nees) else ()
@@ -384,7 +386,7 @@ def ensemble_page(plan: Plan, found: Ensemble, runs: Runs) -> Page:
 
 
 def _verdict(plan: Plan, horizontal: FloatArray, nees: Mapping[str, float], failed: Sequence[Finding]) -> Verdict:
-    """Return the size of the errors, and whether the stated sd explains them."""
+    """Rate an ensemble: size of the horizontal errors, and whether the stated sd explains all errors."""
     text = (
         f"{len(horizontal)} runs of {plan.motion.name} with {model_name(plan.imu)} IMU: horizontal error "
         f"{number(float(horizontal.mean()))} m RMS in the mean, {number(float(horizontal.max()))} m in the worst."
@@ -394,16 +396,16 @@ def _verdict(plan: Plan, horizontal: FloatArray, nees: Mapping[str, float], fail
     if not nees:
         return Verdict("unknown", "no fix was available to check the stated sd", text)
     name, worst = max(nees.items(), key=lambda each: each[1])
-    # for errors as long as the run, a mean over time scatters like one fix
+    # errors may be correlated over the whole run: the mean NEES over time may then scatter as much as a single NEES
     chance = float(band(np.array([3 * len(horizontal)]))[1][0])
     light: Light = "attention" if worst > max(chance, _MATTERS) else "good"
-    words = "the stated sd is too small" if light == "attention" else "the stated sd holds"
+    holds = "the stated sd is too small" if light == "attention" else "the stated sd holds"
     limits = f"1 if right, up to {number(chance)} by chance"
-    return Verdict(light, f"normalised error squared of {name} {number(worst)}, {limits}: {words}", text)
+    return Verdict(light, f"normalised error squared of {name} {number(worst)}, {limits}: {holds}", text)
 
 
 def failures_of(runs: Runs) -> Iterator[Finding]:
-    """Yield the first failed runs, and the number of others."""
+    """Yield findings on the first failed runs, then on the number of other failed runs."""
     for each in runs.failures[:_SHOWN]:
         yield Finding.of(Code.SIMULATION_RUN_FAILED, run=each.number, seed=each.seed, cause=each.error)
     more = len(runs.failures) - _SHOWN
@@ -412,9 +414,9 @@ def failures_of(runs: Runs) -> Iterator[Finding]:
 
 
 def correlation_notes(gps: GpsSpec | None, nees: Mapping[str, float]) -> tuple[Finding, ...]:
-    """Explain a too accurate position by time-correlated receiver errors, if these are the cause.
+    """Explain a too small stated position sd by time-correlated receiver errors, if these are large enough.
 
-    `nees`: mean per axis, by group.
+    `nees`: mean NEES per axis, by group such as position.
     """
     share = 0.0 if gps is None or nees.get("position", 1.0) < _TOO_GOOD else correlated_share(gps)
     if gps is None or share < _MUCH:
@@ -441,9 +443,9 @@ def _rows(runs: Runs) -> dict[str, FloatArray | IntArray]:
             table[f"{name}_per_axis"] = np.round(values, 6)
         else:
             component = name.split("_", 1)[1]
-            # others are lengths
-            at = COMPONENTS.index(component) if component in COMPONENTS else 0
-            table[f"{name}{key_suffix(_UNITS[at])}"] = np.round(values * _FACTORS[at], 6)
+            # other names, such as horizontal, are lengths like the first component
+            i = COMPONENTS.index(component) if component in COMPONENTS else 0
+            table[f"{name}{key_suffix(_UNITS[i])}"] = np.round(values * _FACTORS[i], 6)
     return table
 
 
@@ -452,17 +454,17 @@ def _epochs(found: Ensemble) -> dict[str, FloatArray | IntArray]:
     for kind, values in (("rms", found.rms), ("sd", found.sd)):
         for i, (name, unit) in enumerate(zip(COMPONENTS, _UNITS, strict=True)):
             table[f"{kind}_{name}{key_suffix(unit)}"] = np.round(values[:, i] * _FACTORS[i], 7)
-    # a second without a fix has none: an empty cell
-    at, fixes = np.searchsorted(found.time, found.nees_time), np.isin(found.nees_time, found.time)
+    # NEES is known only at fixes: the cells of other times stay empty
+    rows, fixes = np.searchsorted(found.time, found.nees_time), np.isin(found.nees_time, found.time)
     for name, column in zip(GROUPS, found.nees.T, strict=True):
         values = np.full(len(found.time), np.nan)
-        values[at[fixes]] = np.round(column[fixes], 6)
+        values[rows[fixes]] = np.round(column[fixes], 6)
         table[f"nees_{name}_per_axis"] = values
     return table
 
 
 def ensemble_panels(found: Ensemble) -> tuple[Panel, ...]:
-    """Draw RMS error and stated standard deviation of all nine components over time, axis by axis."""
+    """Draw RMS error over all runs and stated sd of the nine navigation errors over time, a panel for each."""
     clock = Clock.of(found.time)
     low, high = (np.sqrt(limit)[:, None] for limit in band(found.count))
     time, columns = broken_at_gaps(
@@ -473,14 +475,14 @@ def ensemble_panels(found: Ensemble) -> tuple[Panel, ...]:
     for column in (3 * group + axis for axis in range(3) for group in range(3)):
         name, unit = _COMPONENTS[column]
         size = 180.0 / np.pi if unit == "deg" else 1.0
-        error, sd, least, most = (size * columns[:, 9 * part + column] for part in range(4))
+        error, sd, lower, upper = (size * columns[:, 9 * part + column] for part in range(4))
         curves = (
-            Curve(f"{100 * BAND:.0f} % band", time, most, BLUE, "band", least),
+            Curve(f"{100 * BAND:.0f} % band", time, upper, BLUE, "band", lower),
             Curve("stated sd", time, sd, BLUE),
             Curve("RMS error", time, error, VERMILLION),
         )
-        # by the stated sd: at rest before the start an error may be almost zero
-        limits = 0.5 * float(np.nanmin(least)), 1.5 * float(max(np.nanmax(most), np.nanmax(error)))
+        # The lower limit comes from the stated sd: errors before the departure may be almost zero.
+        limits = 0.5 * float(np.nanmin(lower)), 1.5 * float(max(np.nanmax(upper), np.nanmax(error)))
         key, title, label = f"ensemble_{name.replace(' ', '_')}", name.capitalize(), f"error [{unit}]"
         panels.append(Panel(key, title, label, clock.label, curves, "time", note, log="y", limits=limits))
         note = ""
@@ -488,7 +490,7 @@ def ensemble_panels(found: Ensemble) -> tuple[Panel, ...]:
 
 
 def nees_panels(found: Ensemble) -> tuple[Panel, ...]:
-    """Draw the mean normalised squared error of position, velocity and attitude over time."""
+    """Draw the mean normalised squared error of position, velocity and attitude over time, with its 95 % band."""
     clock = Clock.of(found.nees_time)
     low, high = band(3 * found.nees_count)
     share = inside(found).mean(axis=0)
@@ -500,8 +502,8 @@ def nees_panels(found: Ensemble) -> tuple[Panel, ...]:
             Curve("mean of the runs and axes", time, columns[:, row], colour),
         )
         title = f"Normalised error squared of {name}: {100.0 * share[row]:.0f} % of the fixes inside"
-        known = columns[np.isfinite(columns[:, row]), row]
-        top = max(float(np.percentile(known, 99.5)) if known.size else 1.0, float(np.nanmax(columns[:, 4])))
+        finite = columns[np.isfinite(columns[:, row]), row]
+        top = max(float(np.percentile(finite, 99.5)) if finite.size else 1.0, float(np.nanmax(columns[:, 4])))
         note, limits = "" if row else "1 if the stated covariance is right", (0.0, 1.1 * top)
         panels.append(Panel(f"nees_{name}", title, "NEES / 3 [-]", clock.label, curves, "time", note, limits=limits))
     return tuple(panels)

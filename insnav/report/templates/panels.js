@@ -1,16 +1,16 @@
-// Draws the panels of a page with BokehJS: one horizontal axis, one cursor and one switch for those that are linked.
+// Draws the panels and maps of a page with BokehJS. Drawings with equal `link` share a cursor; such panels also share the horizontal axis.
 "use strict";
 (() => {
-const EDGE = 12, AXIS = 62; // right of the frame, and least width left of it [px]
+const EDGE = 12, AXIS = 62; // widths beside the frame (the area inside the axes): on the right, and at least on the left [px]
 const DARK = {"#0072B2": "#5AB0EE", "#000000": "#E8E8E8", "#D55E00": "#FF8A4C", "#009E73": "#35CDA0", "#8A8A8A": "#9A9A9A", "#56B4E9": "#B5E0FF"};
 const RAMP = ["#440154", "#482475", "#414487", "#355f8d", "#2a788e", "#21918c", "#22a884", "#44bf70", "#7ad151", "#bddf26", "#fde725"];
 const CLASSES = ["#0072B2", "#E69F00", "#009E73", "#CC79A7", "#D55E00", "#56B4E9", "#8A8A8A"];
 const dark = matchMedia("(prefers-color-scheme: dark)"), print = matchMedia("print");
-const links = new Map(); // name of a link: its range, its panels, its cursor
+const links = new Map(); // by name of a link: full range of the horizontal axis, linked drawings, cursor position
 let mode = "";
 
 const words = JSON.parse(document.getElementById("words")?.textContent ?? "{}");
-const say = text => { // in the language of the page, its unit as it is
+const say = text => { // translates a text into the language of the page; a unit in brackets stays unchanged
   if (words[text]) return words[text];
   const [name, ...unit] = text.split(" ["), number = /\d+(?:\.\d+)?/g, found = words[name.replace(number, "#")];
   return found ? [(name.match(number) ?? []).reduce((said, each) => said.replace("#", each), found), ...unit].join(" [") : text;
@@ -38,7 +38,7 @@ const extent = values => {
   for (const each of values) if (Number.isFinite(each)) { low = Math.min(low, each); high = Math.max(high, each); }
   return [low, high];
 };
-const decades = (start, end, most) => { // ticks of a logarithmic axis: 1, 2, 5 of each power of ten, or powers only
+const decades = (start, end, most) => { // ticks of a logarithmic axis, at most `most`: 1, 2 and 5 times powers of ten, or powers of ten only
   const low = Math.floor(Math.log10(start)), high = Math.ceil(Math.log10(end)), every = Math.ceil((high - low) / most) || 1, ticks = [];
   const inside = value => value >= start * 0.999 && value <= end * 1.001;
   for (const steps of [[1, 2, 5], [1]]) {
@@ -51,13 +51,13 @@ const decades = (start, end, most) => { // ticks of a logarithmic axis: 1, 2, 5 
 };
 const unitOf = label => { const unit = /\[([^\]]*)\]\s*$/.exec(label)?.[1] ?? ""; return unit && unit !== "-" ? ` ${unit}` : ""; };
 const plain = value => value >= 1e5 || value < 1e-4 ? value.toExponential(0) : String(value);
-const nearest = (values, wanted) => { // of sorted values
+const nearest = (values, wanted) => { // index of the value nearest to `wanted`, in sorted values
   let a = 0, b = values.length - 1;
   while (b - a > 1) { const middle = (a + b) >> 1; if (values[middle] < wanted) a = middle; else b = middle; }
   return Math.abs(values[a] - wanted) <= Math.abs(values[b] - wanted) ? a : b;
 };
 
-class Drawing { // what panels and maps have in common
+class Drawing { // common base of panels and maps
   constructor(spec) {
     Object.assign(this, spec);
     this.root = document.getElementById(spec.key);
@@ -69,7 +69,7 @@ class Drawing { // what panels and maps have in common
       this.linked = links.get(spec.link);
       this.linked.members.push(this);
     }
-    this.themed = []; // [model, property, colour]
+    this.themed = []; // colours to set again when the theme changes: [model, property, colour]
   }
   base(label, options) {
     this.figure = Bokeh.Plotting.figure({
@@ -77,7 +77,7 @@ class Drawing { // what panels and maps have in common
       min_border_right: EDGE, min_border_left: AXIS, min_border_top: 6, outline_line_color: null, ...options,
     });
     this.figure.toolbar.autohide = true;
-    element("p", "below", this.root, say(label)); // Bokeh paints the ends of long ones twice
+    element("p", "below", this.root, say(label)); // an HTML element, not a Bokeh axis label: Bokeh paints the ends of long labels twice
     this.paint(this.figure, "background_fill_color", "--paper");
     this.paint(this.figure, "border_fill_color", "--paper");
     for (const axis of [...this.figure.xaxis, ...this.figure.yaxis]) {
@@ -93,7 +93,7 @@ class Drawing { // what panels and maps have in common
   }
   paint(model, property, colour) { this.themed.push([model, property, colour]); model[property] = colour.startsWith("--") ? style(colour) : shown(colour); }
   repaint() { for (const [model, property, colour] of this.themed) model[property] = colour.startsWith("--") ? style(colour) : shown(colour); }
-  get frame() { // inside of the axes in the element [px]
+  get frame() { // position and size of the area inside the axes, relative to the element [px]
     if (this.figure.properties.inner_width.is_unset) return {left: 0, top: 0, width: 0, height: 0};
     const width = this.figure.inner_width, height = this.figure.inner_height;
     return {left: this.figure.outer_width - width - EDGE, top: 6, width, height};
@@ -107,11 +107,11 @@ class Drawing { // what panels and maps have in common
     this.view = await Bokeh.Plotting.show(this.figure, this.place);
     const canvas = this.place.querySelector(".bk-Figure")?.shadowRoot?.querySelector(".bk-Canvas")?.shadowRoot;
     const events = canvas?.querySelector(".bk-events");
-    if (events) Object.assign(events.style, {touchAction: "pan-y", outline: "none"}); // a finger scrolls the page; no box about what is clicked
+    if (events) Object.assign(events.style, {touchAction: "pan-y", outline: "none"}); // vertical swipes scroll the page; no outline appears on click
     this.place.addEventListener("pointermove", event => { const at = this.inside(event); if (at) this.pointed(at); else this.left(); });
     this.place.addEventListener("pointerleave", event => { if (event.pointerType !== "touch") this.left(); });
   }
-  left() { if (this.linked) follow(this.linked, NaN); else this.follow(NaN); } // the pointer went away
+  left() { if (this.linked) follow(this.linked, NaN); else this.follow(NaN); } // called when the pointer leaves the frame
   pointed() {}
   follow() {}
   switched() {}
@@ -136,7 +136,7 @@ class Panel extends Drawing {
       const axis = [...figure.yaxis][0];
       axis.ticker = [...figure.ygrid][0].ticker = new Bokeh.FixedTicker({ticks: this.rows.map((_, i) => i)});
       axis.major_label_overrides = new Map(this.rows.map((name, i) => [i, name]));
-      if (this.linked) { // names stand inside: the margin is that of the other panels
+      if (this.linked) { // names of rows are drawn inside the frame, so that its left margin equals the margin of linked panels
         axis.visible = false;
         this.rows.forEach((text, i) => {
           const label = new Bokeh.Label({x: 4, x_units: "screen", y: i - 0.12, text, text_font_size: "12px", text_baseline: "bottom"});
@@ -161,7 +161,7 @@ class Panel extends Drawing {
     for (const curve of this.curves) this.glyph(figure, curve);
     if (this.spans.length && this.link) this.entry("no GPS used", "#E69F00").swatch.className = "band";
     const named = this.curves.filter(each => ["line", "dashed"].includes(each.kind) && each.text);
-    named.forEach((curve, i) => { // one beside the other, so that near lines do not cover the names
+    named.forEach((curve, i) => { // names are placed at different horizontal positions, so that close lines do not cover them
       const row = Math.floor(curve.x.length * (i + 0.6) / (named.length + 0.2));
       const label = new Bokeh.Label({x: curve.x[row], y: curve.y[row], text: curve.text[0], text_font_size: "11px", text_font_style: "bold", text_align: ["left", "center", "right"][Math.round(2 * row / (curve.x.length - 1))], text_baseline: "bottom", y_offset: 3, background_fill_alpha: 0.75});
       this.paint(label, "text_color", curve.colour);
@@ -175,7 +175,7 @@ class Panel extends Drawing {
     this.units = [unitOf(this.xLabel), unitOf(this.yLabel).replace("ug", "µg")];
     this.tip = element("div", "tip", this.place);
     this.place.addEventListener("click", () => {
-      if (!this.linked || !Number.isFinite(this.at)) return; // an event: go there
+      if (!this.linked || !Number.isFinite(this.at)) return; // a click on an event zooms all linked panels to its time
       const half = 0.01 * (this.linked.whole[1] - this.linked.whole[0]);
       zoom(this.linked, this.at - half, this.at + half);
       follow(this.linked, this.at);
@@ -198,7 +198,7 @@ class Panel extends Drawing {
     const made = make[curve.kind]();
     for (const part of ["band", "bars", "points"].includes(curve.kind) ? ["fill_color"] : ["line_color"]) this.paint(made.glyph, part, curve.colour);
     curve.renderer = made;
-    if (curve.kind === "thin" && curve.text) { // the name of a line that stands beside it
+    if (curve.kind === "thin" && curve.text) { // the name of a thin line is written at its start
       const label = new Bokeh.Label({x: curve.x[0], y: curve.y[0], text: curve.text[0], text_font_size: "11px", text_align: "right", text_baseline: "middle"});
       this.paint(label, "text_color", curve.colour);
       figure.add_layout(label);
@@ -206,7 +206,7 @@ class Panel extends Drawing {
     curve.entry = curve.name ? this.entry(curve.name, curve.colour, curve.kind) : {off: false, value: null};
     if (curve.name && !curve.entry.value && !this.rows.length && (curve.kind !== "points" || !curve.text) && ["line", "dashed", "points"].includes(curve.kind)) curve.entry.value = element("output", "", curve.entry.label);
   }
-  entry(name, colour, kind = "") { // one for all curves of a name; without a kind it does not hide them
+  entry(name, colour, kind = "") { // legend entry shared by all curves of a name; a click hides the curves, unless the entry has no kind
     this.entries ??= new Map();
     if (this.entries.has(name)) {
       const known = this.entries.get(name);
@@ -251,7 +251,7 @@ class Panel extends Drawing {
     }
   }
   fit() { this.limit(); this.ticks(); }
-  limit() { // the vertical axis: robust limits of all, or everything that is in view once it is zoomed
+  limit() { // sets the vertical axis: robust limits of all data, or after zooming the limits of the visible data
     if (this.rows.length) return;
     const [start, end] = [this.x.start, this.x.end], whole = this.linked?.whole ?? this.whole;
     const zoomed = start > whole[0] + 1e-6 * (whole[1] - whole[0]) || end < whole[1] - 1e-6 * (whole[1] - whole[0]);
@@ -273,7 +273,7 @@ class Panel extends Drawing {
     const marks = {x: [], y: [], a: [], c: []};
     for (const curve of this.curves.filter(each => this.visible(each) && !["band", "thin"].includes(each.kind))) {
       const outside = curve.y.filter(value => value > limits[1] || value < limits[0]).length;
-      if (!["points", "crosses"].includes(curve.kind) && outside > Math.max(3, 0.05 * curve.y.length)) continue; // no outliers: it leaves the view
+      if (!["points", "crosses"].includes(curve.kind) && outside > Math.max(3, 0.05 * curve.y.length)) continue; // so many values are no outliers: the curve simply leaves the view, without marks at its edge
       for (let i = 0; i < curve.x.length && marks.x.length < 2000; i++) {
         const up = curve.y[i] > limits[1];
         if ((!up && !(curve.y[i] < limits[0])) || curve.x[i] < start || curve.x[i] > end) continue;
@@ -293,7 +293,7 @@ class Panel extends Drawing {
     this.hover(x, y);
   }
   left() { super.left(); this.tip.style.display = "none"; this.at = NaN; }
-  hover(x, y) { // text of the point or bar nearest to the pointer
+  hover(x, y) { // shows the text of the point or bar nearest to the pointer
     const f = this.frame;
     let best = null, distance = 14 ** 2;
     for (const curve of this.curves.filter(each => each.text && !["line", "dashed"].includes(each.kind) && this.visible(each))) {
@@ -311,14 +311,14 @@ class Panel extends Drawing {
     if (best[4]) emphasise(best[4]);
     Object.assign(this.tip.style, {left: `${Math.min(f.left + best[0] + 8, Math.max(0, f.left + f.width - this.tip.offsetWidth))}px`, top: `${f.top + best[1] + 10}px`});
   }
-  pixel(x, y) { // in the frame [px]
+  pixel(x, y) { // converts data coordinates to a position in the frame [px]
     const share = (value, {start, end}, log) => log ? Math.log(value / start) / Math.log(end / start) : (value - start) / (end - start);
     return [this.frame.width * share(x, this.x, this.logX), this.frame.height * (1 - share(y, this.y, this.logY))];
   }
   follow(at) {
     const [x] = this.pixel(at, 1), f = this.frame, inside = x >= 0 && x <= f.width;
     Object.assign(this.cursor.style, {display: inside ? "block" : "none", left: `${f.left + x}px`, top: `${f.top}px`, height: `${f.height}px`});
-    const decimals = Math.max(0, Math.ceil(-Math.log10((this.x.end - this.x.start) / f.width))); // a pixel
+    const decimals = Math.max(0, Math.ceil(-Math.log10((this.x.end - this.x.start) / f.width))); // resolution of one pixel
     this.stamp.textContent = inside ? (this.logX ? short(at) : at.toFixed(Math.min(decimals, 9))) + this.units[0] : "";
     this.stamp.style.transform = x > 0.7 * f.width ? "translateX(-100%)" : "";
     for (const curve of this.curves) {
@@ -336,7 +336,7 @@ class Track extends Drawing {
     this.x = new Bokeh.Range1d({start: -1, end: 1});
     this.y = new Bokeh.Range1d({start: -1, end: 1});
     const figure = this.base("East of start [m]", {
-      x_range: this.x, y_range: this.y, y_axis_label: say("North of start [m]"), min_border_left: AXIS + 14, // room for kilometres: where it grows, Bokeh leaves a part of the label
+      x_range: this.x, y_range: this.y, y_axis_label: say("North of start [m]"), min_border_left: AXIS + 14, // wide enough for coordinates of kilometres: if the margin grows later, Bokeh does not erase the old label completely
       tools: [new Bokeh.BoxZoomTool({match_aspect: true})],
     });
     const x = {field: "x"}, y = {field: "y"};
@@ -372,7 +372,7 @@ class Track extends Drawing {
     for (const range of [this.x, this.y]) range.properties.end.change.connect(() => this.measure());
     for (const side of ["inner_width", "inner_height"]) figure.properties[side].change.connect(() => { if (!this.touched) this.all(); });
   }
-  all() { // everything in view, a metre east as long as a metre north
+  all() { // shows the whole map with equal scales of both axes
     const {width, height} = this.frame, wide = this.behind.filter(each => each.kind === "line");
     const [west, east] = extent([...this.east, ...wide.flatMap(each => [...each.x])]), [south, north] = extent([...this.north, ...wide.flatMap(each => [...each.y])]);
     if (!(width > 0 && height > 0)) return;
@@ -382,7 +382,7 @@ class Track extends Drawing {
     this.y.setv({start: (south + north - metres * height) / 2, end: (south + north + metres * height) / 2});
     this.measure();
   }
-  measure() { // scale bar of a round length
+  measure() { // updates the scale bar, whose length is 1, 2 or 5 times a power of ten
     const {left, top, width, height} = this.frame, metre = width / (this.x.end - this.x.start);
     const most = 0.25 * width / metre, power = 10 ** Math.floor(Math.log10(most));
     const length = [5, 2, 1].map(step => step * power).find(each => each <= most);
@@ -444,7 +444,7 @@ class Track extends Drawing {
   repaint() { super.repaint(); this.switched(); }
 }
 
-const emphasise = name => { // the curve of what a bar is of
+const emphasise = name => { // draws the curve that has the name of the hovered bar with a thick line
   for (const each of globalThis.insnav?.drawings ?? []) {
     for (const curve of each.curves ?? []) if (curve.kind === "line") curve.renderer.glyph.line_width = curve.name === name ? 4 : 1.3;
   }
@@ -457,7 +457,7 @@ const zoom = (link, start, end) => {
   link.busy = false;
 };
 let levelling = 0, complete = false;
-const level = () => { // equal margins of linked panels: their cursors stand over one another
+const level = () => { // gives linked panels equal left margins, so that their cursors are aligned vertically
   if (!complete) return;
   cancelAnimationFrame(levelling);
   levelling = requestAnimationFrame(() => {
@@ -478,13 +478,13 @@ for (const line of document.querySelectorAll(".command")) {
   button.type = "button";
   button.addEventListener("click", () => {
     const code = line.querySelector("code");
-    getSelection().selectAllChildren(code); // to be copied by hand where the browser does not let pages copy
+    getSelection().selectAllChildren(code); // if the browser forbids pages to copy, the user can copy the selected text
     button.textContent = document.execCommand("copy") ? say("copied") : say("selected");
   });
 }
 
 (async () => {
-  Bokeh.logger.set_level("off"); // the console stays empty
+  Bokeh.logger.set_level("off"); // no log messages in the browser console
   const specs = JSON.parse(document.getElementById("panels-data").textContent);
   const drawings = specs.map(spec => new (spec.curves ? Panel : Track)(spec));
   const choose = chosen => {
@@ -501,13 +501,13 @@ for (const line of document.querySelectorAll(".command")) {
   for (const each of drawings) {
     if (!document.body.dataset.seen && each.root.getBoundingClientRect().top > innerHeight) document.body.dataset.seen = Math.round(performance.now());
     await each.show();
-    await new Promise(done => setTimeout(done)); // the page answers meanwhile
+    await new Promise(done => setTimeout(done)); // gives the browser time to handle user input between drawings
     each.place.addEventListener("dblclick", () => whole(each));
   }
   complete = true;
   level();
   for (const media of [dark, print]) media.addEventListener("change", repaint);
-  globalThis.insnav = {drawings, links, follow, zoom, whole}; // for tests, and for the curious
+  globalThis.insnav = {drawings, links, follow, zoom, whole}; // access for tests and for debugging
   document.body.dataset.drawn = Math.round(performance.now());
 })();
 })();
