@@ -28,7 +28,7 @@ name = "Android GnssLogger file"
 _HEADER = re.compile(rb"^#[ \t]*(Fix|UncalAccel|UncalGyro|Accel|Gyro),(.*?)[ \t]*\r?$", re.M)
 _MESSAGES = re.compile(rb"\A(?:\xef\xbb\xbf)?MessageType,(utcTimeMillis,[^\r\n]*MeasurementX,.*?)[ \t]*\r?$", re.M)
 _LINE = re.compile(rb"^(Fix|UncalAccel|UncalGyro|Accel|Gyro),(.*?)\r?$", re.M)
-# columns by meaning, in the spellings of all versions
+# column -> its names in all versions of the file
 _FIX = {
     "lat_deg": ("LatitudeDegrees", "Latitude"),
     "lon_deg": ("LongitudeDegrees", "Longitude"),
@@ -84,7 +84,7 @@ def _numbers(rows: list[list[str]], index: int) -> FloatArray:
 def _sensor(
     columns: Mapping[str, list[str]], lines: Mapping[str, list[list[str]]], kinds: tuple[tuple[str, str], ...]
 ) -> FloatArray | None:
-    """Read time [s] and values along x, y, z of a sensor, (n, 4); None if absent."""
+    """Read time [s] and values along x, y, z of a sensor ``(n, 4)``; None if the file lacks the sensor."""
     for kind, template in kinds:
         names = columns.get(kind, [])
         wanted = [template.format(axis) for axis in "XYZ"]
@@ -105,8 +105,8 @@ def _fixes(source: Source, names: list[str], rows: list[list[str]]) -> Table:
         raise InputError("format.gnss_logger_no_time", where=source.name, columns=tuple(names))
     providers = [row[0].strip().lower() for row in rows]
     best = next((each for each in ("gps", "flp", "fused") if each in providers), providers[0])
-    mine = np.array([each == best for each in providers]) & np.isfinite(found["time_ms"])
-    found = {key: column[mine] for key, column in found.items()}
+    of_best = np.array([each == best for each in providers]) & np.isfinite(found["time_ms"])
+    found = {key: column[of_best] for key, column in found.items()}
     columns = {"time_s": 1e-3 * found.pop("time_ms"), **found}
     chosen = Finding.of(Code.READ_SOURCE, subject=plain_text(best), count=len(set(providers)))
     return column_table(source, columns, [Finding.of(Code.READ_TIME_UNIX), chosen], row="Fix")

@@ -61,7 +61,7 @@ def _number(pattern: re.Pattern[bytes], text: bytes) -> float:
 
 
 def _instant(text: bytes) -> int | None:
-    """Parse a time as Unix time [ns]."""
+    """Parse a time of a point as Unix time [ns]; None if it is missing or invalid."""
     found = _TIME.search(text)
     if found is None:
         return None

@@ -37,13 +37,13 @@ _HALF_DAY = 43_200.0
 _QUALITY = {1: 5.0, 2: 4.0, 3: 5.0, 4: 1.0, 5: 2.0, 9: 4.0}
 _MODES = {"A": 5.0, "D": 4.0, "P": 5.0, "R": 1.0, "F": 2.0}  # in GNS and RMC
 _COLUMNS = ("lat_deg", "lon_deg", "alt", "separation", "fix", "speed_m_s", "course_deg")
-_SEEN = ("satellites", 7), ("dop", 8), ("alt", 9)  # words of GGA and GNS
+_SEEN = ("satellites", 7), ("dop", 8), ("alt", 9)  # index of the word in GGA and GNS
 _OTHERS = ("sd_n_m", "sd_e_m", "sd_d_m", "heading_deg", "satellites", "dop")
 
 
 def recognise(source: Source) -> bool:
     first = source.head.split(b"\n", 1)[0].decode("latin-1")
-    in_table = any(is_header(first, schema) for schema in (IMU_SCHEMA, GPS_SCHEMA))  # sentences in a table column
+    in_table = any(is_header(first, schema) for schema in (IMU_SCHEMA, GPS_SCHEMA))  # a table may contain sentences
     return _ANY.search(source.head) is not None and not in_table
 
 
@@ -78,12 +78,12 @@ def _sentences(source: Source, log: _Log) -> Iterator[list[str]]:
 
 @dataclass(slots=True)
 class _Log:
-    """Collector of sentences into epochs, separated by their time of day."""
+    """Collector of sentences into epochs; sentences with the same time of day belong to one epoch."""
 
     epochs: list[dict[str, float]] = field(default_factory=list)
-    sound: int = 0
-    damaged: int = 0
-    from_vtg: bool = False
+    sound: int = 0  # number of sentences with the right checksum
+    damaged: int = 0  # number of sentences with a wrong checksum
+    from_vtg: bool = False  # velocities come from VTG, which has no time
 
     def take(self, words: list[str]) -> None:
         """Add one sentence; an invalid field counts as empty."""
@@ -109,7 +109,7 @@ class _Log:
         epoch["fix"] = _QUALITY.get(int(_number(words[6], 0.0)), 0.0)
 
     def _gns(self, epoch: dict[str, float], words: list[str]) -> None:
-        if "fix" not in epoch:  # GGA has more detail
+        if "fix" not in epoch:  # GGA is more detailed
             epoch |= _place(words[2:6])
             epoch |= {key: _number(words[at]) for key, at in (*_SEEN, ("separation", 10))}
             epoch["fix"] = max((_MODES.get(mode, 0.0) for mode in words[6]), default=0.0)
@@ -136,27 +136,27 @@ class _Log:
 
     def _zda(self, epoch: dict[str, float], words: list[str]) -> None:
         day, month, year = (int(_number(word, 0.0)) for word in words[2:5])
-        late = _time_of_day(words[1]) - epoch["time"]  # ZDA after midnight, fix before: one day less
+        late = _time_of_day(words[1]) - epoch["time"]  # ZDA after midnight, its fix before: the day before
         epoch["date"] = _day(year, month, day) - (late < -_HALF_DAY)
 
     def _hdt(self, epoch: dict[str, float], words: list[str]) -> None:
         epoch["heading_deg"] = _number(words[1])
 
     def times(self) -> GpsTime:
-        """Convert the times of the epochs [s], with their time scale."""
+        """Convert the times of the epochs ``(n,)`` to seconds of a GPS week, or of a day without any date."""
         clock = np.array([epoch["time"] for epoch in self.epochs])
         date = np.array([epoch.get("date", np.nan) for epoch in self.epochs])
-        turns = np.concatenate(([0.0], np.cumsum(np.diff(clock) < -_HALF_DAY)))
+        midnights = np.concatenate(([0.0], np.cumsum(np.diff(clock) < -_HALF_DAY)))
         known = np.isfinite(date)
         if not known.any():
-            return GpsTime(clock + 86_400.0 * turns, Finding.of(Code.READ_TIME_OF_DAY, scale="UTC"), None)
-        # dates of undated epochs: counted on from the last dated epoch, or back from the first
-        last = np.maximum.accumulate(np.where(known, np.arange(len(clock)), -1))
-        last[last < 0] = int(np.flatnonzero(known)[0])
-        return seconds_of_week(date[last] + turns - turns[last], clock, "UTC")
+            return GpsTime(clock + 86_400.0 * midnights, Finding.of(Code.READ_TIME_OF_DAY, scale="UTC"), None)
+        # an epoch without date counts midnights from the last dated epoch, or back from the first dated epoch
+        dated = np.maximum.accumulate(np.where(known, np.arange(len(clock)), -1))
+        dated[dated < 0] = int(np.flatnonzero(known)[0])
+        return seconds_of_week(date[dated] + midnights - midnights[dated], clock, "UTC")
 
 
-_LARGEST_DOP = 100.0  # receivers limit it to 99.99 (u-blox M8 protocol, UBX-13003221, GGA); otherwise it is no DOP
+_LARGEST_DOP = 100.0  # receivers limit the DOP to 99.99 (u-blox M8 protocol, UBX-13003221, GGA)
 # least number of words of each sentence type
 _LENGTHS = {"GGA": 12, "GNS": 11, "RMC": 10, "VTG": 6, "GST": 9, "ZDA": 5, "HDT": 2}
 
@@ -181,7 +181,7 @@ def _day(year: int, month: int, day: int) -> float:
 
 
 def _place(words: list[str]) -> dict[str, float]:
-    """Parse ddmm.mmm, N or S, dddmm.mmm, E or W to latitude and longitude."""
+    """Convert latitude (ddmm.mmm, N or S) and longitude (dddmm.mmm, E or W) to degrees; NaN if invalid."""
     found = {}
     for key, word, side, signs in (
         ("lat_deg", words[0], words[1], {"N": 1.0, "S": -1.0}),
@@ -195,7 +195,7 @@ def _place(words: list[str]) -> dict[str, float]:
 
 
 def _velocity(knots: float, course: float) -> dict[str, float]:
-    """Convert speed and known course; receivers leave the course empty at rest."""
+    """Return speed [m/s] and course [deg] if the speed is known; receivers at rest may not state the course."""
     return {"speed_m_s": knots * _KNOT, "course_deg": course} if np.isfinite(knots) else {}
 
 

@@ -35,13 +35,13 @@ extra = "ros"
 _MAGIC = {b"#ROSBAG V2.0": ".bag", b"SQLite format 3": ".db3", b"\x89MCAP0\r\n": ".mcap"}
 _BLOCK = 20_000  # messages decoded together
 _FLU = np.array([1.0, -1.0, -1.0])
-_FEW, _APART = 10, 1.0  # fixes that locate odometry on Earth, and their largest distance [m]
-_STATUS = {0: 5.0, 1: 4.0, 2: 4.0}  # NavSatStatus -> fix type; covariances describe the quality of a differential fix
+_FEW, _APART = 10, 1.0  # least number of fixes that locate odometry on Earth; largest RMS distance [m]
+_STATUS = {0: 5.0, 1: 4.0, 2: 4.0}  # NavSatStatus -> fix type; covariances give the accuracy of differential fixes
 
 
 @dataclass(frozen=True, slots=True)
 class _Kind:
-    """Message layout after the header: count of numbers, preceded by a fix status or a name."""
+    """Layout of a message after its header: count of doubles, and the text or status that precedes them."""
 
     numbers: int
     status: bool = False
@@ -64,7 +64,7 @@ class _Topic:
     kind: str
     ros2: bool
     pending: list[tuple[int, bytes]] = field(default_factory=list)
-    blocks: list[FloatArray] = field(default_factory=list)  # header time, bag time, status, type, numbers
+    blocks: list[FloatArray] = field(default_factory=list)  # header time, bag time, status, covariance type, numbers
     listed: int = 0  # number of messages in the bag's index
 
     def add(self, time: int, raw: bytes) -> None:
@@ -85,7 +85,7 @@ class _Topic:
         self.pending.clear()
 
     def table(self) -> FloatArray:
-        """Concatenate time [s], bag time [s], status, covariance type and numbers of each message."""
+        """Return all messages as rows: header time [s], bag time [s], status, covariance type, numbers."""
         self.decode()
         return np.concatenate(self.blocks)
 
@@ -139,7 +139,7 @@ def _suffix(source: Source) -> str:
 
 
 def _bags(source: Source) -> list[str]:
-    """List the bags in a folder."""
+    """List the bags in a folder or its subfolders."""
     return [each for each in source.members if PurePosixPath(each).suffix in suffixes and each.count("/") < 2]
 
 
@@ -160,35 +160,35 @@ def _readers(source: Source) -> Iterator[tuple[Any, bool]]:
 
 
 def _decoded(data: NDArray[np.uint8], kind: _Kind, ros2: bool) -> FloatArray:
-    """Decode messages of one size ``(n, size)``; time ``NaN`` for another layout."""
-    found = np.full((len(data), 4 + kind.numbers), np.nan)
-    # first four bytes: encoding in CDR, sequence number in ROS 1
+    """Decode messages ``(n, size)`` of one size to rows; a message of another layout has the time ``NaN``."""
+    decoded = np.full((len(data), 4 + kind.numbers), np.nan)
+    # the first four bytes are the encoding in CDR, the sequence number in ROS 1
     if data.shape[1] < 24 or (ros2 and (data[:, :2] != [0, 1]).any()):
-        return found
+        return decoded
     words = np.ascontiguousarray(data[:, 4:16]).view("<u4").astype(np.int64)
     groups = _behind_text(data, [(np.arange(len(data)), 12)], ros2)
-    for mine, status_at in _behind_text(data, groups, ros2) if kind.name else groups:
-        # a status byte, and two bytes for the constellations
+    for rows, status_at in _behind_text(data, groups, ros2) if kind.name else groups:
+        # NavSatStatus: one byte of status, two bytes of constellations
         numbers_at = status_at + (3 if kind.status else 0)
-        if ros2:  # aligned to the size of each number, relative to byte four
-            behind = status_at - 4
-            behind = (behind + 2) // 2 * 2 + 2 if kind.status else behind
-            numbers_at = 4 + (behind + 7) // 8 * 8
+        if ros2:  # CDR aligns each number to its size, counted from byte four
+            offset = status_at - 4
+            offset = (offset + 2) // 2 * 2 + 2 if kind.status else offset
+            numbers_at = 4 + (offset + 7) // 8 * 8
         end = numbers_at + 8 * kind.numbers
         if end + kind.status > data.shape[1]:
             continue
-        found[mine, 0] = words[mine, 0] + 1e-9 * words[mine, 1]
-        found[mine, 4:] = np.ascontiguousarray(data[mine, numbers_at:end]).view("<f8")
+        decoded[rows, 0] = words[rows, 0] + 1e-9 * words[rows, 1]
+        decoded[rows, 4:] = np.ascontiguousarray(data[rows, numbers_at:end]).view("<f8")
         if kind.status:
-            found[mine, 2] = data[mine, status_at].view(np.int8)
-            found[mine, 3] = data[mine, end]
-    return found
+            decoded[rows, 2] = data[rows, status_at].view(np.int8)
+            decoded[rows, 3] = data[rows, end]
+    return decoded
 
 
 def _behind_text(
     data: NDArray[np.uint8], groups: list[tuple[NDArray[np.int64], int]], ros2: bool
 ) -> list[tuple[NDArray[np.int64], int]]:
-    """Group rows by text length, with the position after the text."""
+    """Group messages by the length of the text at a position; return their rows and the position after the text."""
     found = []
     for rows, at in groups:
         at = 4 + (at - 1) // 4 * 4 if ros2 else at
@@ -220,7 +220,7 @@ def _fixes(source: Source, table: FloatArray, velocities: Mapping[str, FloatArra
     columns = {"time_s": _times(table, notes), **conventions.triad(conventions.PLACE, table[:, 4:7])}
     known = table[:, 3] > 0.0
     if known.any():
-        with np.errstate(invalid="ignore"):  # rows are East, North, Up
+        with np.errstate(invalid="ignore"):  # covariances are East, North, Up
             sd = np.where(known[:, None], np.sqrt(table[:, [11, 7, 15]]), np.nan)
         columns |= conventions.deviations(sd, "sd_{}_m")
         if (table[known, 3] == 1.0).any():
@@ -235,29 +235,29 @@ def _fixes(source: Source, table: FloatArray, velocities: Mapping[str, FloatArra
 
 
 def _laid_on(source: Source, table: FloatArray, fixes: Table, topic: str) -> tuple[Table | None, Finding]:
-    """Rotate and shift odometry onto the fixes as a reference without absolute position; report it.
+    """Rotate and shift odometry to fit the fixes; return it as a reference, with a finding.
 
-    None if it drifts away from them, like wheel odometry.
+    The reference is None if the odometry drifts away from the fixes, like wheel odometry.
     """
     time, lat, lon, height = fixes.cells.read(range(4)).columns.values()
     origin = np.array([[lat[0] * DEG, lon[0] * DEG, height[0]]])
     to_earth = level_from_earth(origin)[0].T
-    there = (earth_from_lla(np.column_stack([lat * DEG, lon * DEG, height])) - earth_from_lla(origin)) @ to_earth
+    fix_ned = (earth_from_lla(np.column_stack([lat * DEG, lon * DEG, height])) - earth_from_lla(origin)) @ to_earth
     order = np.argsort(table[:, 0], kind="stable")
     stamp, numbers = table[order, 0], table[order, 4:]
     inside = (time >= stamp[0]) & (time <= stamp[-1])
     common = int(np.count_nonzero(inside))
     if common < _FEW or not np.isfinite(numbers).all():
         return None, Finding.of(Code.READ_ODOMETRY_SHORT, subject=topic, count=common, limit_count=_FEW)
-    own = np.column_stack([np.interp(time[inside], stamp, numbers[:, i]) for i in range(3)])
-    east, plane = there[inside, 1] + 1j * there[inside, 0], own[:, 0] + 1j * own[:, 1]
-    turn = np.angle(np.sum(np.conj(plane - plane.mean()) * (east - east.mean())))
-    shift = east.mean() - np.exp(1j * turn) * plane.mean()
-    apart = float(np.sqrt(np.mean(np.abs(np.exp(1j * turn) * plane + shift - east) ** 2)))
-    if apart > _APART:
-        return None, Finding.of(Code.READ_ODOMETRY_APART, subject=topic, distance_m=apart, limit_m=_APART)
+    odometry = np.column_stack([np.interp(time[inside], stamp, numbers[:, i]) for i in range(3)])
+    fix_plane, odometry_plane = fix_ned[inside, 1] + 1j * fix_ned[inside, 0], odometry[:, 0] + 1j * odometry[:, 1]
+    turn = np.angle(np.sum(np.conj(odometry_plane - odometry_plane.mean()) * (fix_plane - fix_plane.mean())))
+    shift = fix_plane.mean() - np.exp(1j * turn) * odometry_plane.mean()
+    distance = float(np.sqrt(np.mean(np.abs(np.exp(1j * turn) * odometry_plane + shift - fix_plane) ** 2)))
+    if distance > _APART:
+        return None, Finding.of(Code.READ_ODOMETRY_APART, subject=topic, distance_m=distance, limit_m=_APART)
     place = np.exp(1j * turn) * (numbers[:, 0] + 1j * numbers[:, 1]) + shift
-    down = there[inside, 2].mean() + own[:, 2].mean() - numbers[:, 2]
+    down = fix_ned[inside, 2].mean() + odometry[:, 2].mean() - numbers[:, 2]
     lla = lla_from_earth(earth_from_lla(origin) + np.column_stack([place.imag, place.real, down]) @ to_earth.T)
     columns = {"time_s": stamp, **conventions.triad(conventions.PLACE, lla / [DEG, DEG, 1.0])}
     if (np.abs(np.linalg.norm(numbers[:, 3:7], axis=1) - 1.0) < 0.1).all():
@@ -268,5 +268,5 @@ def _laid_on(source: Source, table: FloatArray, fixes: Table, topic: str) -> tup
         rph = rph_from_quat(quat_from_dcm(c_nb)) / DEG
         columns |= conventions.triad(conventions.VELOCITY, np.einsum("nij,nj->ni", c_nb, numbers[:, 43:46] * _FLU))
         columns |= conventions.triad(conventions.ATTITUDE, np.column_stack([rph[:, :2], rph[:, 2] % 360.0]))
-    note = Finding.of(Code.READ_ODOMETRY_PLACED, subject=topic, distance_m=apart, limit_m=_APART, angle_rad=-turn)
+    note = Finding.of(Code.READ_ODOMETRY_PLACED, subject=topic, distance_m=distance, limit_m=_APART, angle_rad=-turn)
     return column_table(source, columns, [note], row="message"), note

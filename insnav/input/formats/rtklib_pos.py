@@ -36,7 +36,7 @@ _HEADER = re.compile(rb"""^%[ \t]*(\w+)[ \t,;]+((?:latitude|x-ecef|e-baseline)\(
 _HEADERLESS = re.compile(rb"\A\s*\d{4}/\d\d/\d\d[ \t,;]+\d\d:\d\d:\d\d(\.\d+)?([ \t,;]+[-+.\d]+){13,}[ \t]*\r?$", re.M)
 _ROW = re.compile(rb"^[ \t]*[^%\s].*$", re.M)
 _REFERENCE = re.compile(rb"^% *ref pos *:(.*)$", re.M)
-_BLANKS = bytes.maketrans(b"/:,;\t", b"     ")  # one for one: byte and line positions do not change
+_BLANKS = bytes.maketrans(b"/:,;\t", b"     ")  # byte for byte: positions of bytes and lines stay
 
 # position columns -> axes of the standard deviations and velocities in the same header
 _LAYOUTS = {
@@ -50,7 +50,7 @@ _RANGES = {
     "year": (1980, 2200), "month": (1, 12), "day": (1, 31), "hour": (0, 23), "minute": (0, 59), "second": (0, 60),
     "week": (0, 10_000), "tow": (0, 604_800),
 }  # fmt: skip
-_ZONES = {"GPST": 0.0, "UTC": 0.0, "JST": 32_400.0}  # ahead of UTC, or GPS time itself [s]
+_ZONES = {"GPST": 0.0, "UTC": 0.0, "JST": 32_400.0}  # time ahead of UTC [s]; zero for GPS time
 _EARTH_RADII = (6.33e6, 6.5e6)  # distances from the Earth's centre near the ground [m]
 _LONGEST_BASELINE = 2e6  # [m]
 
@@ -79,7 +79,7 @@ def read(source: Source) -> Mapping[str, Table]:
         found |= {"lat_deg": lla[:, 0] / DEG, "lon_deg": lla[:, 1] / DEG, "height_m": lla[:, 2]}
         turn = level_from_earth(lla) @ to_earth
     found |= {key: data[name] for key, name in (("fix", "Q"), ("satellites", "ns")) if name in data}
-    with np.errstate(over="ignore", invalid="ignore"):  # numbers out of range are refused when used
+    with np.errstate(over="ignore", invalid="ignore"):  # values out of range are refused later
         found |= _velocity(data, axes, turn)
         deviations = _deviations(data, axes, turn, "sd{}(m)", "sd_{}_m") | _deviations(
             data, axes, turn, "sdv{}", "sd_v{}_m_s"
@@ -92,7 +92,7 @@ def read(source: Source) -> Mapping[str, Table]:
 
 
 def _rows(text: bytes | mmap.mmap, zeros: int, where: str) -> tuple[str, tuple[str, ...], TextCells]:
-    """Return time scale, column names after the time, and the rows as numbers separated by blanks."""
+    """Return time scale, column names after the time, and rows in which blanks separate the numbers."""
     headers = {
         tuple(re.split(r"[\s,;]+", b" ".join(found.groups()).decode("latin-1"))) for found in _HEADER.finditer(text)
     }
@@ -141,13 +141,13 @@ def _degrees(data: Mapping[str, FloatArray], column: str) -> FloatArray:
     if f"{column} minute" not in data:
         return value
     part = data[f"{column} minute"] / 60.0 + data[f"{column} second"] / 3600.0
-    return value + np.copysign(part, value)  # -0 degrees has a sign, too
+    return value + np.copysign(part, value)  # also for -0 degrees
 
 
 def _earth_fixed(
     data: Mapping[str, FloatArray], columns: tuple[str, ...], text: bytes | mmap.mmap, rows: TextCells
 ) -> tuple[FloatArray, FloatArray]:
-    """Return Earth-fixed positions ``(n, 3)`` [m], and the rotation from the file's axes to Earth-fixed axes."""
+    """Return Earth-fixed positions ``(n, 3)`` [m], and the rotation from the axes of the file to Earth-fixed axes."""
     position = np.column_stack([data[column] for column in columns[:3]])
     size = np.abs(position).max(axis=1)
     if columns[0] == "x-ecef(m)":
@@ -168,7 +168,7 @@ def _earth_fixed(
 def _deviations(
     data: Mapping[str, FloatArray], axes: str, turn: FloatArray | None, column: str, header: str
 ) -> dict[str, FloatArray]:
-    """Return standard deviations North, East, Down, zero where the file has zeros; empty without such columns."""
+    """Return standard deviations North, East, Down; zeros of the file stay. Empty if the columns are missing."""
     if not all(column.format(axis) in data for axis in axes):
         return {}
     sd = np.column_stack([data[column.format(axis)] for axis in axes])
@@ -185,7 +185,7 @@ def _deviations(
 
 
 def _velocity(data: Mapping[str, FloatArray], axes: str, turn: FloatArray | None) -> dict[str, FloatArray]:
-    """Return velocity North, East, Down [m/s]; empty without such columns."""
+    """Return velocity North, East, Down [m/s]; empty if the columns are missing."""
     if not all(f"v{axis}(m/s)" in data for axis in axes):
         return {}
     v = np.column_stack([data[f"v{axis}(m/s)"] for axis in axes])

@@ -39,7 +39,7 @@ from insnav.units import DEG
 name = "Septentrio SBF log"
 suffixes = (".sbf",)
 
-_UNKNOWN = -1e10  # below: unknown values are -2e10
+_UNKNOWN = -1e10  # unknown values are below: -2e10
 _HEADER = "sync:u2 crc:u2 id:u2 length:u2 tow:u4 week:u2"
 _PVT = f"{_HEADER} mode:u1 error:u1"
 _BLOCKS: dict[str, tuple[int, np.dtype[Any]]] = {
@@ -52,7 +52,7 @@ _BLOCKS: dict[str, tuple[int, np.dtype[Any]]] = {
 }
 _SENSORS = 4050
 _SENSOR = np.dtype([("source", "u1"), ("model", "u1"), ("type", "u1"), ("info", "u1"), ("value", "<f8", (3,))])
-# mode of PVT -> fix type; an entered position (3) is invalid
+# mode of PVT -> fix type; mode 3, an entered position, is invalid
 _MODES = {1: 5.0, 2: 4.0, 4: 1.0, 5: 2.0, 6: 4.0, 7: 1.0, 8: 2.0, 10: 4.0}
 _Rows = NDArray[Any]
 _Notes = list[Finding]
@@ -91,7 +91,7 @@ _FRAMING = Framing(b"$@", number=(4, 0x1FFF), size=(6, 0xFFFF), around=0, least=
 
 
 def _key(rows: _Rows) -> FloatArray:
-    """Return the time since 1980, as key to join blocks [ms]."""
+    """Return the GPS time [ms], the key to join blocks of one epoch."""
     return np.asarray(rows["week"] * (1e3 * WEEK) + rows["tow"], dtype=np.float64)
 
 
@@ -114,7 +114,7 @@ def _table(source: Source, rows: _Rows, columns: dict[str, FloatArray], good: An
 
 
 def _matrices(rows: _Rows, axes: str) -> FloatArray:
-    """Build covariances (n, 3, 3)."""
+    """Build covariances ``(n, 3, 3)`` from the elements of covariance blocks."""
     found = np.empty((len(rows), 3, 3))
     for i, first in enumerate(axes):
         for j, second in enumerate(axes):
@@ -155,7 +155,7 @@ def _cartesian(source: Source, blocks: Mapping[str, _Rows], notes: _Notes) -> Ta
 
 
 def _samples(source: Source, blocks: list[Bytes], week: float | None, notes: _Notes) -> Table | None:
-    """Read accelerations (type 0) and angular rates (type 1) of ExtSensorMeas, at the times of the rates."""
+    """Read accelerations (type 0) and angular rates (type 1) of ExtSensorMeas, interpolated at the times of the rates."""
     parts: dict[int, list[tuple[FloatArray, FloatArray]]] = {0: [], 1: []}
     head = layout(f"{_HEADER} n:u1 size:u1")
     for rows in blocks:
@@ -163,14 +163,14 @@ def _samples(source: Source, blocks: list[Bytes], week: float | None, notes: _No
             continue
         heads = as_records(rows, head)
         for size in np.unique(heads["size"]).tolist():
-            for place in (
+            for offset in (
                 range(head.itemsize, rows.shape[1] - size + 1, max(size, 1)) if size >= _SENSOR.itemsize else ()
             ):
-                there = (heads["size"] == size) & (heads["n"] > (place - head.itemsize) // size)
-                sensors = as_records(rows[there][:, place:], _SENSOR)
+                present = (heads["size"] == size) & (heads["n"] > (offset - head.itemsize) // size)
+                sensors = as_records(rows[present][:, offset:], _SENSOR)
                 for kind, found in parts.items():
-                    mine = (sensors["type"] == kind) & (sensors["value"] > _UNKNOWN).all(axis=1)
-                    found.append((_key(heads[there][mine]), sensors["value"][mine]))
+                    of_kind = (sensors["type"] == kind) & (sensors["value"] > _UNKNOWN).all(axis=1)
+                    found.append((_key(heads[present][of_kind]), sensors["value"][of_kind]))
     sorted_parts = {}
     for kind, found in parts.items():
         time = np.concatenate([np.empty(0), *(each[0] for each in found)])

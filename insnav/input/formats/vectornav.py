@@ -80,7 +80,7 @@ def read(source: Source) -> Mapping[str, Table]:
 
 
 def _time(clock: Mapping[str, FloatArray]) -> GpsTime:
-    """Return seconds of the GPS week, else since power-up."""
+    """Return seconds of the GPS week; without GPS time, seconds since power-up."""
     if "tow" in clock and "week" in clock and np.nanmax(clock["week"], initial=0.0) > 0.0:
         return _of_week(clock["week"], clock["tow"])
     if "tow_s" in clock and np.isfinite(clock["tow_s"]).any():
@@ -98,7 +98,7 @@ def _of_week(week: FloatArray, tow: FloatArray) -> GpsTime:
 
 
 def _fixes(source: Source, place: dict[str, FloatArray], text: TextColumns, clock: GpsTime) -> Table:
-    """Select fixes at their own times, without invalid and repeated rows."""
+    """Select the fixes at their own times, without invalid rows and without repetitions of a fix."""
     others = text.named(_OTHERS)
     if "fix_week" in others and "fix_tow" in others:
         clock = _of_week(others["fix_week"], others["fix_tow"])
@@ -109,7 +109,7 @@ def _fixes(source: Source, place: dict[str, FloatArray], text: TextColumns, cloc
     if "sd_v" in others:
         columns |= deviations(np.column_stack([others["sd_v"]] * 3), "sd_v{}_m_s")
     kind = others.get("kind", np.full(len(clock.time), 3.0))
-    fresh = np.concatenate(([True], np.diff(clock.time) != 0.0))[: len(kind)]  # rows between fixes repeat the last fix
+    fresh = np.concatenate(([True], np.diff(clock.time) != 0.0))[: len(kind)]  # rows between fixes repeat a fix
     kind = np.where(np.isfinite(clock.time), kind, np.nan)[fresh]
     columns = {key: column[fresh] for key, column in columns.items()}
     return fix_table(source, columns, kind, _FIXES, [clock.note], row="rows", cut=text.cut, week=clock.week)

@@ -1,11 +1,11 @@
-"""Columns composed of others: time from parts, Earth-fixed positions; other representations of fixes, converted.
+"""Columns composed from other columns, such as time from its parts; conversion of positions and velocities of fixes.
 
 References
 ----------
 Xsens MT Low-Level Communication Protocol: ``SampleTimeFine`` counts 0.1 ms; ``UTC_Nano``: nanoseconds of the second.
 Movella DOT: ``SampleTimeFine`` counts microseconds. ROS `std_msgs/Header`: ``stamp.secs`` and ``stamp.nsecs``.
-Android `Location.getAccuracy`: the radius of 68 % confidence; so is the horizontal accuracy of Core Location. For two
-equal normal components that radius is ``sqrt(-2 ln 0.32)`` standard deviations of one. NMEA 0183: ``ddmm.mmmm``.
+Android `Location.getAccuracy`: radius of 68 % confidence, like the horizontal accuracy of Core Location. For two equal
+normal components, this radius is ``sqrt(-2 ln 0.32)`` standard deviations of a component. NMEA 0183: ``ddmm.mmmm``.
 ROS `sensor_msgs/NavSatFix`: covariance in m^2, east, north, up, row by row; status below 0 is no fix. PROJ: vgridshift.
 """
 
@@ -32,11 +32,11 @@ from insnav.types import BoolArray, FloatArray, IntArray
 from insnav.units import DEG
 
 _DATE, _CLOCK, _NANO = ("year", "month", "day"), ("hour", "minute", "second"), "nano"
-_TICKS, _TICK, _SHORT_TICK = "sampletimefine", 1e-4, 1e-6  # [s]
-_LONGEST_STEP = 5000.0  # ticks of 0.1 ms: no IMU is slower than 2 Hz; 120 Hz, the fastest DOT, has 8333 us
+_TICKS, _TICK, _SHORT_TICK = "sampletimefine", 1e-4, 1e-6  # column of a counter, and its possible units [s]
+_LONGEST_STEP = 5000.0  # counts per sample: an IMU at 2 Hz counts 5000 of 0.1 ms, the fastest DOT (120 Hz) 8333 us
 _SECONDS = "(s|secs?|seconds?)"
 _FRACTION = re.compile(f"(?P<stem>.*?)(?P<size>n|nano|u|micro){_SECONDS}")
-_SIZES = {"n": 1e-9, "u": 1e-6, "m": 1e-6}  # by the first letter [s]
+_SIZES = {"n": 1e-9, "u": 1e-6, "m": 1e-6}  # unit of a fraction by its first letter [s]
 _INSTANCES = {"i", "instance", "imu", "imuid", "sensor", "sensorid", "device", "deviceid", "id"}
 _MOST_INSTANCES, _TURNS = 8, 0.5  # sensors in one table, and share of rows from another sensor than the previous row
 _OF_TIME = re.compile(r"(utc|gps|time)*(year|month|day|hour|minute|min|second|sec|nano)s?(ns)?")
@@ -45,26 +45,26 @@ _OF_PLACE = re.compile(
 )
 _VECTOR = re.compile(r"(?P<name>[A-Za-z ]+?) *(?:\((?P<axes>[xyz](?:,[xyz]){0,2})\))? *(?P<unit>\[[^\]]*\])")
 _STAMP = {0: "stamp.secs", 1: "stamp.nsecs"}
-# number of fields of sensor_msgs/Imu and sensor_msgs/NavSatFix -> number and name of those read
+# number of fields in sensor_msgs/Imu and sensor_msgs/NavSatFix -> index and name of the fields that are read
 _ECHOED = {
     40: _STAMP | {at + i: f"{key}_{'xyz'[i]}" for at, key in ((16, "gyro"), (28, "accel")) for i in range(3)},
     18: _STAMP
     | {3: "status.status", 5: "lat", 6: "lon", 7: "height", **{8 + i: f"covariance[{i}]" for i in (0, 4, 8)}},
 }
 _EARTH = 6.33e6, 6.48e6  # distances from the Earth's centre, up to 100 km height [m]
-_SHARE = 0.9  # least share of the rows with positions at these distances
-_HIGH = 2e4  # larger than map heights [m]; a northing may equal the Earth's radius, at 57.5 deg
+_SHARE = 0.9  # least share of rows at these distances
+_HIGH = 2e4  # least Earth-fixed z [m]: map heights are smaller, even where a northing is the Earth's radius (57.5 deg)
 _TIME = tuple(each for each in IMU_SCHEMA if each.key == "time")
 
 
 @dataclass(frozen=True, slots=True)
 class _Composed:
-    """Rows of a table with further columns composed of its own; see `Cells`."""
+    """Rows of a table with its own columns, and columns composed from them; see `Cells`."""
 
     cells: Cells
-    width: int  # number of its own columns
-    parts: tuple[int, ...]  # source columns
-    make: Callable[..., FloatArray]  # function of these, (n, number of new columns)
+    width: int  # number of the table's own columns
+    parts: tuple[int, ...]  # indices of the source columns
+    make: Callable[..., FloatArray]  # computes new columns (n, count) from the source columns
 
     def read(self, indices: Sequence[int]) -> Numbers:
         """See `Cells`."""
@@ -82,7 +82,7 @@ class _Composed:
 
 
 def composed(table: Table) -> Table:
-    """Add composed columns: time, and latitude, longitude and height from other coordinates."""
+    """Add composed columns to a table: time from parts; latitude, longitude and height from other coordinates."""
     table = _vectors(_echoed(table))
     words = [compact(header) for header in table.headers]
     table = _timed(_first_instance(table, words), words)
@@ -94,12 +94,12 @@ def _echoed(table: Table) -> Table:
     names = _ECHOED.get(len(table.headers), {}) if is_headerless(table.headers) else {}
     stamp = _first(table, [0, 1]) if names else None
     if stamp is None or _first(table, [2]) is not None or any((each != np.floor(each)).any() for each in stamp):
-        return table  # the third is the frame
+        return table  # no such message: its third field is text (the frame)
     return replace(table, headers=tuple(names.get(i, "") for i in range(len(table.headers))))
 
 
 def _vectors(table: Table) -> Table:
-    """Name every axis of a sensor whose first axis alone has a name: ``Gyroscope (z,x,y) [rad/s],1,2``."""
+    """Name all three axes if only the first header names the sensor: ``Gyroscope (z,x,y) [rad/s],1,2``."""
     headers = list(table.headers)
     for i, first in enumerate(map(_VECTOR.fullmatch, table.headers)):
         others = [header.strip("()") for header in table.headers[i + 1 : i + 3]]
@@ -124,12 +124,12 @@ def _added(
 ) -> Table:
     """Add composed columns to a table, and remove the headers of their sources."""
     headers = tuple("" if i in parts else header for i, header in enumerate(table.headers))
-    own = {table.headers[i]: i for i in parts}
+    part_indices = {table.headers[i]: i for i in parts}
     units = None if table.units is None else (*table.units, *[""] * len(names))
     cells = _Composed(table.cells, len(headers), tuple(parts), make)
-    headers, known = (*headers, *names), (*table.notes, *filter(None, notes))
-    given: dict[str, Any] = {"week": week or table.week, "parts": {**table.parts, **own}}
-    return replace(table, headers=headers, cells=cells, units=units, notes=known, **given)
+    headers, all_notes = (*headers, *names), (*table.notes, *filter(None, notes))
+    further: dict[str, Any] = {"week": week or table.week, "parts": {**table.parts, **part_indices}}
+    return replace(table, headers=headers, cells=cells, units=units, notes=all_notes, **further)
 
 
 @dataclass(frozen=True, slots=True)
@@ -151,7 +151,7 @@ class _Instance:
 
 
 def _first_instance(table: Table, words: Sequence[str]) -> Table:
-    """Select the first sensor of a table with alternating sensors."""
+    """Select the rows of the first sensor in a table that alternates between several sensors."""
     for i in (i for i, word in enumerate(words) if word in _INSTANCES):
         labels = getattr(table.cells, "labels", lambda index: np.zeros(1))
         (number,) = _first(table, [i]) or [labels(i)]
@@ -164,7 +164,7 @@ def _first_instance(table: Table, words: Sequence[str]) -> Table:
 
 
 def _first(table: Table, parts: Sequence[int]) -> list[FloatArray] | None:
-    """Read the first rows of columns; None if they are not numeric."""
+    """Read columns ``(n,)``; None if a column is not numeric, or the table has no rows."""
     try:
         numbers = table.cells.read(parts)
     except InputError:
@@ -173,7 +173,7 @@ def _first(table: Table, parts: Sequence[int]) -> list[FloatArray] | None:
 
 
 def _timed(table: Table, words: Sequence[str]) -> Table:
-    """Add seconds from date and clock parts, or from the sample counter."""
+    """Add a time column [s] from date and clock parts, from seconds and fraction, or from a sample counter."""
     found: dict[str, int] = {}
     for i, word in enumerate(words):
         if (named := _OF_TIME.fullmatch(word)) is not None:
@@ -207,10 +207,10 @@ def _timed(table: Table, words: Sequence[str]) -> Table:
 
 
 def _seconds_and_fraction(table: Table, words: Sequence[str]) -> tuple[int, int, float] | None:
-    """Find columns of whole seconds and fraction, with the unit of the fraction [s]; None without.
+    """Find the columns of whole seconds and of their fraction, and the unit of the fraction [s]; otherwise None.
 
-    Their names differ in the unit only, such as ``stamp.secs`` and ``stamp.nsecs``. A fraction without its own name,
-    such as ``Microseconds``, belongs to any time in whole seconds.
+    The names differ only in the unit, such as ``stamp.secs`` and ``stamp.nsecs``. A fraction named only by its unit,
+    such as ``Microseconds``, belongs to any time column with whole seconds.
     """
     for i, part in enumerate(map(_FRACTION.fullmatch, words)):
         if part is None:
@@ -235,14 +235,14 @@ def _is_time(header: str) -> bool:
 
 
 def _moments(*by: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Compute days since 6 January 1980 and seconds, from year, month, day, hour, minute, second and nanoseconds."""
+    """Compute days since 6 January 1980 and seconds of the day, from year to second and optional nanoseconds."""
     year = np.where(by[0] < 100.0, by[0] + 2000.0, by[0])
     nano = by[6] * 1e-9 if len(by) > 6 else 0.0
     return gps_days(year, by[1], by[2]), 3600.0 * by[3] + 60.0 * by[4] + by[5] + nano
 
 
 def _placed(table: Table, words: Sequence[str]) -> Table:
-    """Add latitude, longitude, height, and velocity North, East, Down, from Earth-fixed x, y, z."""
+    """Add latitude, longitude, height from Earth-fixed x, y, z, and velocity North, East, Down if present."""
     found: dict[str, int] = {}
     for i, word in enumerate(words):
         if part := _OF_PLACE.fullmatch(word):
@@ -253,7 +253,7 @@ def _placed(table: Table, words: Sequence[str]) -> Table:
         return table
     size = np.linalg.norm(np.column_stack(values), axis=1)
     labelled = all("ecef" in words[i] or "km" in words[i] for i in places)
-    units = (1.0, 1e-2, 1e-3, 1e3) if labelled else (1.0,)  # unstated, a local plane may fit other units
+    units = (1.0, 1e-2, 1e-3, 1e3) if labelled else (1.0,)  # in other units, local coordinates could also fit
     fitting = [unit for unit in units if _inside(unit * size).mean() > _SHARE]
     if not fitting or not (labelled or float(np.nanmedian(np.abs(values[2]))) * fitting[0] > _HIGH):
         return table
@@ -278,14 +278,14 @@ def _inside(size: FloatArray) -> BoolArray:
     return np.asarray((size > _EARTH[0]) & (size < _EARTH[1]))
 
 
-RADIUS = math.sqrt(-2.0 * math.log(0.32))  # of 68 % confidence, in standard deviations of one component
-_MOST = 0.9  # share of rows that cannot be degrees
-_STILL = 0.3  # below this speed a receiver gives no course [m/s]
+RADIUS = math.sqrt(-2.0 * math.log(0.32))  # of 68 % confidence, in standard deviations of a component
+_MOST = 0.9  # least share of rows that exceed the range of degrees
+_STILL = 0.3  # a receiver gives no course below this speed [m/s]
 _CLIMB_SD = 2.0  # least sd of a vertical speed derived from heights [m/s]
 
 
 def derive(raw: dict[str, FloatArray], found: Mapping[str, Found]) -> list[Finding]:
-    """Derive quantities in the columns ``(n,)`` [SI, rad], in place; return findings."""
+    """Convert other forms of positions, velocities and accuracies in columns ``(n,)``, in place; return findings."""
     notes = _integers(raw, found)
     notes += _degrees_minutes(raw, found)
     notes += _signs(raw, found)
@@ -295,13 +295,13 @@ def derive(raw: dict[str, FloatArray], found: Mapping[str, Found]) -> list[Findi
 
 
 def _integers(raw: dict[str, FloatArray], found: Mapping[str, Found]) -> list[Finding]:
-    """Convert u-blox and PX4 integers: degrees times 1e7, with millimetres."""
+    """Convert positions of u-blox and PX4 in integers: degrees times 1e7, and heights in millimetres."""
     written = {key: raw[key][np.isfinite(raw[key])] / found[key].factor for key in ("lat", "lon")}
     whole = (len(values) and (np.abs(values - np.round(values)) < 1e-3).all() for values in written.values())
     if found["lat"].unit or not all(whole):
         return []
-    size = {key: float(np.abs(values).max()) for key, values in written.items()}
-    if not (max(size.values()) > 18_000.0 * 100.0 and size["lat"] <= 90e7 and size["lon"] <= 180e7):
+    largest = {key: float(np.abs(values).max()) for key, values in written.items()}
+    if not (max(largest.values()) > 18_000.0 * 100.0 and largest["lat"] <= 90e7 and largest["lon"] <= 180e7):
         return []
     for key in ("lat", "lon"):
         raw[key] = raw[key] * 1e-7
@@ -314,16 +314,16 @@ def _integers(raw: dict[str, FloatArray], found: Mapping[str, Found]) -> list[Fi
 
 
 def _degrees_minutes(raw: dict[str, FloatArray], found: Mapping[str, Found]) -> list[Finding]:
-    """Convert degrees and minutes in one number, as in NMEA: 4807.038 is 48 deg 7.038 min."""
+    """Convert angles as in NMEA, with degrees and minutes in one number: 4807.038 is 48 deg 7.038 min."""
     written = {key: raw[key] / found[key].factor for key in ("lat", "lon")}
     known = {key: values[np.isfinite(values)] for key, values in written.items()}
     if found["lat"].unit not in (None, "deg") or not all(len(values) for values in known.values()):
         return []
     whole = {key: np.abs(values) // 100.0 for key, values in known.items()}
     minutes = all(bool((np.abs(values) % 100.0 < 60.0).all()) for values in known.values())
-    far = max(float(np.mean(np.abs(known["lat"]) > 90.0)), float(np.mean(np.abs(known["lon"]) > 360.0))) > _MOST
-    swapped = max(np.abs(known["lat"]).max() / 180.0, np.abs(known["lon"]).max() / 90.0) <= 1.0  # far more likely
-    if not (far and minutes and whole["lat"].max() < 90.0 and whole["lon"].max() <= 180.0) or swapped:
+    too_large = max(float(np.mean(np.abs(known["lat"]) > 90.0)), float(np.mean(np.abs(known["lon"]) > 360.0))) > _MOST
+    exchanged = max(np.abs(known["lat"]).max() / 180.0, np.abs(known["lon"]).max() / 90.0) <= 1.0  # more likely
+    if not (too_large and minutes and whole["lat"].max() < 90.0 and whole["lon"].max() <= 180.0) or exchanged:
         return []
     for key, values in written.items():
         size = np.abs(values)
@@ -332,7 +332,7 @@ def _degrees_minutes(raw: dict[str, FloatArray], found: Mapping[str, Found]) -> 
 
 
 def _signs(raw: dict[str, FloatArray], found: Mapping[str, Found]) -> list[Finding]:
-    """Apply south and west from columns of letters."""
+    """Apply the hemisphere columns to latitude and longitude: south and west are negative."""
     notes: list[Finding] = []
     for key in ("lat", "lon"):
         sign = raw.pop(f"{key}_sign", None)
@@ -344,7 +344,7 @@ def _signs(raw: dict[str, FloatArray], found: Mapping[str, Found]) -> list[Findi
 
 
 def _velocities(raw: dict[str, FloatArray], found: Mapping[str, Found]) -> list[Finding]:
-    """Convert speed and course to velocity north and east, and heights to vertical speed."""
+    """Convert speed and course to velocity north and east; derive the vertical speed from heights if it is missing."""
     speed, course = raw.pop("speed", None), raw.pop("course", None)
     speed_sd, course_sd = raw.pop("accuracy_speed", None), raw.pop("accuracy_course", None)
     if "vn" in raw or "ve" in raw or speed is None or course is None:
@@ -374,7 +374,7 @@ def _velocities(raw: dict[str, FloatArray], found: Mapping[str, Found]) -> list[
 
 
 def _climb(raw: Mapping[str, FloatArray]) -> tuple[FloatArray, float]:
-    """Compute the height rate between neighbouring fixes [m/s], with its sd by its scatter."""
+    """Compute the climb rate ``(n,)`` from the two neighbours of each fix [m/s], and its sd by its scatter."""
     time, height = raw["time"], raw["height"]
     rate = np.zeros(len(time))
     if len(time) > 2:
@@ -385,7 +385,7 @@ def _climb(raw: Mapping[str, FloatArray]) -> tuple[FloatArray, float]:
 
 
 def _deviations(raw: dict[str, FloatArray], found: Mapping[str, Found]) -> list[Finding]:
-    """Convert variances and confidence radii to standard deviations."""
+    """Convert variances and confidence radii to standard deviations, unless the file has these."""
     notes: list[Finding] = []
     radius, vertical = raw.pop("radius", None), raw.pop("accuracy_d", None)
     variances = {axis: raw.pop(f"var_{axis}", None) for axis in "ned"}
