@@ -1,7 +1,8 @@
 """Parser of a mixed log that is read while another program writes it.
 
-The log contains lines of samples and of fixes with the same clock, NMEA sentences, u-blox NAV-PVT and NAV-PVAT. A
-header applies to data lines with as many columns; if its first word is no column, they begin with the same word.
+The log contains lines of samples and of fixes with one clock, NMEA sentences, and u-blox NAV-PVT and NAV-PVAT messages.
+A header line names the columns of the data lines with as many words. If its first word is no column name, such as
+``IMU``, its data lines begin with the same word.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ from insnav.input.interpret.schema import GPS_SCHEMA, IMU_SCHEMA
 from insnav.types import FloatArray, GpsData
 
 NAME = "standard input"
-LONGEST = 1 << 17  # bytes without a line end that count as a line; a u-blox message has at most 65543
+LONGEST = 1 << 17  # data of this length without line end count as a line [bytes]; a u-blox message has at most 65543
 _SYNC, _FIXES = b"\xb5b", (b"\x01\x07", b"\x01\x17")  # u-blox: sync bytes; class and number of NAV-PVT, NAV-PVAT
 _SAMPLE = ("time", "gyro_x", "gyro_y", "gyro_z", "accel_x", "accel_y", "accel_z")
 
@@ -123,7 +124,7 @@ class Stream:
         self._columns[tag, len(words)] = samples, dict(found)
 
     def _sentence(self, line: bytes) -> GpsData | None:
-        """Collect NMEA sentences; return the fix of an epoch that ends, by its usual last sentence or by a new time."""
+        """Collect NMEA sentences; return the fix when an epoch ends: at its usual last sentence, or at a new time."""
         kind, _, fields = line.partition(b",")
         timed, time = kind[3:] in (b"GGA", b"GNS", b"RMC", b"GST"), fields.partition(b",")[0]
         if timed and self._epoch and time != self._time:

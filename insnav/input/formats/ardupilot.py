@@ -71,14 +71,14 @@ def read(source: Source) -> Mapping[str, Table]:
 
 def _instances(messages: Mapping[str, _Columns], kind: str) -> dict[int, _Columns]:
     """Return the messages of each sensor of a kind, by instance column, or by the names IMU, IMU2, IMU3 of old logs."""
-    found: dict[int, _Columns] = {}
+    by_number: dict[int, _Columns] = {}
     for name, data in messages.items():
         if name.startswith(kind):
             number = int(name[len(kind) :] or 1) - 1
-            which = data.get("I", np.full(len(data["time"]), float(number)))
-            for each in np.unique(which[np.isfinite(which)]).tolist():
-                found.setdefault(int(each), {key: column[which == each] for key, column in data.items()})
-    return dict(sorted(found.items()))
+            instances = data.get("I", np.full(len(data["time"]), float(number)))
+            for each in np.unique(instances[np.isfinite(instances)]).tolist():
+                by_number.setdefault(int(each), {key: column[instances == each] for key, column in data.items()})
+    return dict(sorted(by_number.items()))
 
 
 def _binary(source: Source) -> dict[str, _Columns]:
@@ -135,11 +135,11 @@ def _text(source: Source) -> dict[str, _Columns]:
 
 def _scaled(data: Mapping[str, Any]) -> _Columns:
     """Convert columns to numbers, with the time in seconds as ``time``."""
-    found = {key: np.asarray(column, dtype=np.float64) for key, column in data.items()}
+    columns = {key: np.asarray(column, dtype=np.float64) for key, column in data.items()}
     for key, unit in (("TimeUS", 1e-6), ("TimeMS", 1e-3)):
-        if key in found:
-            found["time"] = unit * found[key]
-    return found if "time" in found else {}
+        if key in columns:
+            columns["time"] = unit * columns[key]
+    return columns if "time" in columns else {}
 
 
 def _fixes(source: Source, data: _Columns, accuracy: _Columns) -> Table:

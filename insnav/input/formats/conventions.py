@@ -62,10 +62,10 @@ def deviations(sd: FloatArray, names: str) -> dict[str, FloatArray]:
 
 
 def by_accuracy(horizontal: FloatArray, vertical: FloatArray, speed: FloatArray | None = None) -> dict[str, FloatArray]:
-    """Convert accuracies ``(n,)`` to standard deviations; horizontal and speed accuracies are sqrt(2) times an axis."""
+    """Convert accuracies ``(n,)`` to standard deviations along axes: horizontal and speed accuracies over sqrt(2)."""
     axis_sd = horizontal / np.sqrt(2.0)
-    found = deviations(np.column_stack([axis_sd, axis_sd, vertical]), "sd_{}_m")
-    return found if speed is None else found | deviations(np.column_stack([speed / np.sqrt(2.0)] * 3), "sd_v{}_m_s")
+    columns = deviations(np.column_stack([axis_sd, axis_sd, vertical]), "sd_{}_m")
+    return columns if speed is None else columns | deviations(np.column_stack([speed / np.sqrt(2.0)] * 3), "sd_v{}_m_s")
 
 
 def of_course(speed: FloatArray, course: FloatArray, down: FloatArray) -> dict[str, FloatArray]:
@@ -77,9 +77,9 @@ def of_course(speed: FloatArray, course: FloatArray, down: FloatArray) -> dict[s
 def with_force(columns: dict[str, FloatArray], time: FloatArray, force: FloatArray) -> dict[str, FloatArray]:
     """Interpolate accelerations ``(m, 3)`` from times ``(m,)`` to gyro columns; rows outside are dropped."""
     base_time = columns["time_s"]
-    found = columns | {key: at_times(base_time, time, force[:, i]) for i, key in enumerate(ACCEL)}
+    merged = columns | {key: at_times(base_time, time, force[:, i]) for i, key in enumerate(ACCEL)}
     inside = (base_time >= np.nanmin(time)) & (base_time <= np.nanmax(time))
-    return {key: np.ascontiguousarray(column[inside]) for key, column in found.items()}
+    return {key: np.ascontiguousarray(column[inside]) for key, column in merged.items()}
 
 
 def fix_table(
@@ -99,8 +99,8 @@ def fix_table(
     """
     fix = np.array([types.get(int(each), 0.0) if each == each else 0.0 for each in kind], dtype=np.float64)
     kept = fix > 0.0
-    found = {key: np.asarray(column[kept], dtype=np.float64) for key, column in {**columns, "fix": fix}.items()}
-    return column_table(source, found, [*notes, without_fix(kept)], row=row, cut=cut, week=week)
+    valid = {key: np.asarray(column[kept], dtype=np.float64) for key, column in {**columns, "fix": fix}.items()}
+    return column_table(source, valid, [*notes, without_fix(kept)], row=row, cut=cut, week=week)
 
 
 def without_fix(kept: NDArray[np.bool_]) -> Finding | None:
@@ -137,14 +137,14 @@ class TextColumns:
 def text_columns(table: Table, headers: Iterable[str]) -> TextColumns:
     """Read the requested numeric columns, as far as a table contains them."""
     present = {header.strip().lower(): index for index, header in enumerate(table.headers)}
-    found = {header.lower(): present[header.lower()] for header in headers if header.lower() in present}
-    numbers = table.cells.read(sorted(set(found.values()))) if found else Numbers({}, 0)
-    columns = {header: numbers.columns[index] for header, index in found.items()}
+    indices = {header.lower(): present[header.lower()] for header in headers if header.lower() in present}
+    numbers = table.cells.read(sorted(set(indices.values()))) if indices else Numbers({}, 0)
+    columns = {header: numbers.columns[index] for header, index in indices.items()}
     return TextColumns(columns, table.headers, numbers.cut)
 
 
 def level_covariance(covariance: FloatArray, lla: FloatArray) -> FloatArray:
-    """Convert Earth-fixed covariances ``(n, 3, 3)`` to standard deviations North, East, Down; zero if negative.
+    """Convert Earth-fixed covariances ``(n, 3, 3)`` to sd North, East, Down; a negative variance becomes zero.
 
     `lla` (n, 3): latitude, longitude [rad], height [m].
     """

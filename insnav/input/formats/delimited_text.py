@@ -35,8 +35,8 @@ name = "delimited text"
 suffixes = (".csv", ".txt")
 
 _BLOCK_BYTES, _BLOCKS = 1 << 20, 8  # size of a block, and number of blocks before memory is released
-_SAMPLE_BYTES = 1 << 16  # examined at the start
-_TAIL_BYTES = 1 << 13  # examined at the end
+_SAMPLE_BYTES = 1 << 16  # bytes examined at the start of a text
+_TAIL_BYTES = 1 << 13  # bytes examined at the end of a text
 _TAIL_ROWS = 20
 _FIRST_ROWS = 20
 _LONGEST_WAIT = 1.0  # for a thread of Arrow that still uses the data [s]
@@ -78,7 +78,7 @@ class TextCells:
             return replace(self, text=text, dialect=replace(self.dialect, delimiter=";", offset=0)).read(indices)
         texts = self._texts(indices)
         plain = [i for i in indices if i not in texts]
-        # Arrow refuses comments, truncated rows and invalid numbers, without their position: then read row by row.
+        # Arrow fails on comments, truncated rows and invalid rows, and gives no position: then the slow reader follows.
         numbers = (_if_valid(_read_fast, self.text, self.dialect, plain) if plain else None) or self._scan(plain)
         if not numbers.cut and (cut := self._cut_number(plain, numbers.n_rows)):
             numbers = Numbers({i: c[:-1] for i, c in numbers.columns.items()}, numbers.n_rows - 1, cut)

@@ -1,4 +1,4 @@
-"""JSON: a document with arrays of records (bdd100k, Sensor Logger), or one record a line (openpilot, any logger).
+"""JSON: a document with arrays of records (bdd100k, Sensor Logger), or one record per line (openpilot, any logger).
 
 Records of one sensor become a table, named by their array, by their only nested structure, or by a text of the record
 (``sensor``, ``topic``, ...). All tables together are read as a folder of sensors.
@@ -53,9 +53,9 @@ def read(source: Source) -> Mapping[str, Table]:
     files = {f"{kind}.csv": functools.partial(_as_text, source, kind, rows) for kind, rows in tables.items()}
     if not files:
         raise InputError("format.json_no_records", where=source.name)
-    found = delimited_text.read(files.popitem()[1]()) if len(files) == 1 else tables_of(replace(source, members=files))
-    given = delimited_text.name  # defines neither units nor datum
-    return {p: replace(t, notes=(*t.notes, *cut), name=source.name, format=t.format or given) for p, t in found.items()}
+    parts = delimited_text.read(files.popitem()[1]()) if len(files) == 1 else tables_of(replace(source, members=files))
+    given = delimited_text.name  # it defines no units and no height datum
+    return {p: replace(t, notes=(*t.notes, *cut), name=source.name, format=t.format or given) for p, t in parts.items()}
 
 
 def _documents(source: Source) -> tuple[list[Any], list[Finding]]:

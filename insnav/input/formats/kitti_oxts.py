@@ -60,9 +60,9 @@ def read(source: Source) -> Mapping[str, Table]:
 
 def _folder(source: Source) -> str | None:
     """Find the folder of epochs; folders of other sensors of the data set may be next to it."""
-    found = {match["folder"] for each in source.members if (match := _EPOCH.match(each))}
-    good = [each for each in found if f"{each}timestamps.txt" in source.members and "velodyne" not in each]
-    return min(good, key=len) if good else None
+    folders = {match["folder"] for each in source.members if (match := _EPOCH.match(each))}
+    with_times = [each for each in folders if f"{each}timestamps.txt" in source.members and "velodyne" not in each]
+    return min(with_times, key=len) if with_times else None
 
 
 def _numbers(epoch: Source) -> list[float]:
@@ -78,9 +78,9 @@ def _numbers(epoch: Source) -> list[float]:
 
 def _times(stamps: Source) -> FloatArray:
     """Read the times of the epochs ``(n,)`` in seconds since 1970, in the time zone of the file."""
-    found = [match.groups() for match in _TIME.finditer(stamps.data)]
+    matches = [match.groups() for match in _TIME.finditer(stamps.data)]
     try:
-        instants = np.array([f"{day.decode()}T{clock.decode()}" for day, clock in found], dtype="datetime64[ns]")
+        instants = np.array([f"{day.decode()}T{clock.decode()}" for day, clock in matches], dtype="datetime64[ns]")
     except ValueError as error:
         raise InputError("format.kitti_time", where=stamps.name, reason=plain_text(reason_of(error))) from error
     return np.asarray(instants.astype(np.int64) * 1e-9, dtype=np.float64)

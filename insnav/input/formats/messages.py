@@ -49,7 +49,7 @@ class Messages:
     damaged: int = 0  # number of damaged messages
 
     def records(self, layout: np.dtype[Any], skip: int = 0) -> tuple[NDArray[Any], NDArray[np.int64]]:
-        """Return records ``(n,)`` after a header of `skip` bytes, and their positions, in stream order."""
+        """Return records ``(n,)`` without a header of `skip` bytes, and their positions, in stream order."""
         long = [i for i, rows in enumerate(self.rows) if rows.shape[1] >= layout.itemsize + skip]
         found = [np.empty(0, dtype=layout), *(as_records(self.rows[i][:, skip:], layout) for i in long)]
         at = np.concatenate([np.empty(0, dtype=np.int64), *(self.at[i] for i in long)])
@@ -83,8 +83,8 @@ class Framing:
         at = starts(data, self.sync)
         at = at[at <= len(stream) - self.least]
         kinds, sizes = self._word(stream, at, self.number), self._word(stream, at, self.size) + self.around
-        found = {number: Messages() for number in numbers}
-        for number, messages in found.items():
+        by_number = {number: Messages() for number in numbers}
+        for number, messages in by_number.items():
             of_number = kinds == number
             for size in np.unique(sizes[of_number]).tolist():
                 candidates = at[of_number & (sizes == size)]
@@ -97,7 +97,7 @@ class Framing:
                     messages.rows.append(rows[good])
                     messages.at.append(block[: len(rows)][good])
                     messages.damaged -= int(np.count_nonzero(good))
-        return found
+        return by_number
 
     def _word(self, stream: Bytes, at: NDArray[np.int64], place: tuple[int, int]) -> NDArray[np.int64]:
         return (stream[at + place[0]] + 256 * stream[at + place[0] + 1].astype(np.int64)) & place[1]
@@ -108,13 +108,13 @@ def joined(key: FloatArray, other: FloatArray, values: FloatArray) -> FloatArray
 
     `key` (n,): keys of the requested rows. `other` (m,): keys of `values`.
     """
-    found = np.full((len(key), *values.shape[1:]), np.nan)
+    result = np.full((len(key), *values.shape[1:]), np.nan)
     if len(other):
         order = np.argsort(other, kind="stable")
         place = np.searchsorted(other[order], key, side="right") - 1
         matched = (place >= 0) & (other[order][place] == key)
-        found[matched] = values[order[place[matched]]]
-    return found
+        result[matched] = values[order[place[matched]]]
+    return result
 
 
 def at_times(wanted: FloatArray, time: FloatArray, values: FloatArray) -> FloatArray:

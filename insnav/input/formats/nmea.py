@@ -33,11 +33,11 @@ _SENTENCE = re.compile(rb"\$([A-Z]{2}(?:GGA|GNS|RMC|VTG|GST|ZDA|HDT),[^$*\r\n]{0
 _ANY = re.compile(rb"\$([A-Z]{2,4}[A-Z]{3}|P[A-Z]{3}\w*),[^$*\r\n]{0,120}\*[0-9A-Fa-f]{2}")
 _KNOT = 1852.0 / 3600.0
 _HALF_DAY = 43_200.0
-# quality in GGA -> fix type here (1 fixed, 2 float, 4 DGPS, 5 single, 0 none); 6 is dead reckoning, 7 and 8 no receiver
+# GGA quality -> fix type (1 fixed, 2 float, 4 DGPS, 5 single, 0 none); 6 (dead reckoning), 7, 8 (no receiver): none
 _QUALITY = {1: 5.0, 2: 4.0, 3: 5.0, 4: 1.0, 5: 2.0, 9: 4.0}
 _MODES = {"A": 5.0, "D": 4.0, "P": 5.0, "R": 1.0, "F": 2.0}  # in GNS and RMC
 _COLUMNS = ("lat_deg", "lon_deg", "alt", "separation", "fix", "speed_m_s", "course_deg")
-_SEEN = ("satellites", 7), ("dop", 8), ("alt", 9)  # index of the word in GGA and GNS
+_SEEN = ("satellites", 7), ("dop", 8), ("alt", 9)  # key -> index of its word in GGA and GNS
 _OTHERS = ("sd_n_m", "sd_e_m", "sd_d_m", "heading_deg", "satellites", "dop")
 
 
@@ -56,20 +56,20 @@ def read(source: Source) -> Mapping[str, Table]:
     if not placed.any():
         raise InputError("format.nmea_no_position", where=source.name, count=log.sound, damaged_count=log.damaged)
     time, note, week = log.times()
-    found = dict(zip((*_COLUMNS, *_OTHERS), values[placed].T, strict=True))
+    data = dict(zip((*_COLUMNS, *_OTHERS), values[placed].T, strict=True))
     damaged = Finding.of(Code.READ_ROWS_DAMAGED, subject="NMEA", count=log.damaged) if log.damaged else None
     untimed = Finding.of(Code.READ_VELOCITY_UNTIMED, subject="VTG") if log.from_vtg else None
     notes = [note, damaged, without_fix(placed), untimed]
-    height, height_note = _height(found.pop("alt"), found.pop("separation"))
-    columns = {"time_s": time[placed], "lat_deg": found.pop("lat_deg"), "lon_deg": found.pop("lon_deg"), **height}
-    columns |= {key: column for key, column in found.items() if np.isfinite(column).any()}
+    height, height_note = _height(data.pop("alt"), data.pop("separation"))
+    columns = {"time_s": time[placed], "lat_deg": data.pop("lat_deg"), "lon_deg": data.pop("lon_deg"), **height}
+    columns |= {key: column for key, column in data.items() if np.isfinite(column).any()}
     return {"gps": column_table(source, columns, [*notes, height_note], row="epoch", week=week)}
 
 
 def _sentences(source: Source, log: _Log) -> Iterator[list[str]]:
-    for found in _SENTENCE.finditer(source.data):
-        body = found[1]
-        if int(np.bitwise_xor.reduce(np.frombuffer(body, dtype=np.uint8))) != int(found[2], 16):
+    for match in _SENTENCE.finditer(source.data):
+        body = match[1]
+        if int(np.bitwise_xor.reduce(np.frombuffer(body, dtype=np.uint8))) != int(match[2], 16):
             log.damaged += 1
             continue
         log.sound += 1
@@ -136,7 +136,7 @@ class _Log:
 
     def _zda(self, epoch: dict[str, float], words: list[str]) -> None:
         day, month, year = (int(_number(word, 0.0)) for word in words[2:5])
-        late = _time_of_day(words[1]) - epoch["time"]  # ZDA after midnight, its fix before: the day before
+        late = _time_of_day(words[1]) - epoch["time"]  # negative: ZDA follows midnight, its fix does not
         epoch["date"] = _day(year, month, day) - (late < -_HALF_DAY)
 
     def _hdt(self, epoch: dict[str, float], words: list[str]) -> None:
@@ -182,7 +182,7 @@ def _day(year: int, month: int, day: int) -> float:
 
 def _place(words: list[str]) -> dict[str, float]:
     """Convert latitude (ddmm.mmm, N or S) and longitude (dddmm.mmm, E or W) to degrees; NaN if invalid."""
-    found = {}
+    place = {}
     for key, word, side, signs in (
         ("lat_deg", words[0], words[1], {"N": 1.0, "S": -1.0}),
         ("lon_deg", words[2], words[3], {"E": 1.0, "W": -1.0}),
@@ -190,8 +190,8 @@ def _place(words: list[str]) -> dict[str, float]:
         degrees, minutes = divmod(_number(word), 100.0)
         limit = 90.0 if key == "lat_deg" else 180.0
         angle = degrees + minutes / 60.0
-        found[key] = signs.get(side, np.nan) * angle if 0.0 <= angle <= limit and minutes < 60.0 else np.nan
-    return found
+        place[key] = signs.get(side, np.nan) * angle if 0.0 <= angle <= limit and minutes < 60.0 else np.nan
+    return place
 
 
 def _velocity(knots: float, course: float) -> dict[str, float]:

@@ -192,7 +192,7 @@ def _ascii(source: Source) -> Iterator[tuple[int, tuple[float, float], NDArray[A
         week, second = head[:2] if match[0].startswith(b"%") else head[4:6]
         names = layout.names or ()
         if number in (42, 1429):
-            words = [*words[:6], "0", *words[7:]]  # the datum is text
+            words = [*words[:6], "0", *words[7:]]  # the datum, a text, is not read
         try:
             row = tuple(_word(key, word) for key, word in zip(names, words, strict=False))
             if len(row) == len(names):
@@ -258,22 +258,22 @@ def _samples(source: Source, log: Any, name: str, notes: list[Finding]) -> dict[
     stated = "type" in (rows.dtype.names or ())
     if stated:
         types, per_second = np.unique(rows["type"]).tolist(), np.nan
-        found = [_SCALES[each] for each in types if each in _SCALES]
+        scales = [_SCALES[each] for each in types if each in _SCALES]
     else:  # gravity determines the scale of velocity increments, its rotation the scale of angle increments
         types, span = [], float(np.ptp(time)) if len(time) > 1 else 0.0
         per_second = np.linalg.norm(counts[1:, 3:], axis=1).sum() / span if span > 0.0 else np.nan
-        found = [each for each in _SCALES.values() if abs(per_second * each[2] / _GRAVITY - 1.0) < _TOLERANCE]
-        step = float(np.median(np.diff(time))) if found else 0.0
-        turned = turn_ratio(time, counts[:, :3], counts[:, 3:])[0] * step if found else 0.0
-        found = [each for each in found if not turned or 1.0 < MAX_TURN_RATIO * turned / each[1] < MAX_TURN_RATIO**2]
-    if not found or len(types) > 1:
+        scales = [each for each in _SCALES.values() if abs(per_second * each[2] / _GRAVITY - 1.0) < _TOLERANCE]
+        step = float(np.median(np.diff(time))) if scales else 0.0
+        turned = turn_ratio(time, counts[:, :3], counts[:, 3:])[0] * step if scales else 0.0
+        scales = [each for each in scales if not turned or 1.0 < MAX_TURN_RATIO * turned / each[1] < MAX_TURN_RATIO**2]
+    if not scales or len(types) > 1:
         rate, known = float(per_second), tuple(f"{key} {each[0]}" for key, each in _SCALES.items())
         raise InputError(
             "format.novatel_scale", where=source.name, message=name, types=tuple(types), counts_per_s=rate, known=known
         )
     tables = {}
-    for angle, speed in dict.fromkeys(each[1:] for each in found):
-        models = ", ".join(each[0] for each in found if each[1:] == (angle, speed))
+    for angle, speed in dict.fromkeys(each[1:] for each in scales):
+        models = ", ".join(each[0] for each in scales if each[1:] == (angle, speed))
         columns = {"time_s": time, **triad(DTHETA, counts[:, :3] * angle), **triad(DVEL, counts[:, 3:] * speed)}
         note = Finding.of(Code.READ_IMU_MODEL, subject=name, model=models)
         if not stated:

@@ -57,19 +57,19 @@ def recognise(source: Source) -> bool:
 def read(source: Source) -> Mapping[str, Table]:
     log = _Log()
     notes = [Finding.of(Code.READ_TIME_SINCE_START), *log.walk(source.data)]
-    found = {key: data for key, layout in log.topics() if (data := log.columns(source.data, key, layout))}
+    fields = {key: data for key, layout in log.topics() if (data := log.columns(source.data, key, layout))}
     tables: dict[str, Table] = {}
-    data = next((data for (topic, _), data in sorted(found.items()) if topic == "sensor_combined"), {})
+    data = next((data for (topic, _), data in sorted(fields.items()) if topic == "sensor_combined"), {})
     if all(key in data for key in _SAMPLES.values()):
         columns = {key: data[field] * (1e-6 if key == "time_s" else 1.0) for key, field in _SAMPLES.items()}
         tables["imu"] = column_table(source, columns, notes, row="sensor_combined", axes="FRD")
-    receivers = [(topic, number) for topic in _GPS for name, number in sorted(found) if name == topic]
-    receivers = [each for each in receivers if all(key in found[each] for key in _NEEDED)]
+    receivers = [(topic, number) for topic in _GPS for name, number in sorted(fields) if name == topic]
+    receivers = [each for each in receivers if all(key in fields[each] for key in _NEEDED)]
     if receivers:
         if receivers[1:]:
             topic, number = receivers[0]
             notes.append(Finding.of(Code.READ_SOURCE, subject=f"{topic}[{number}]", count=len(receivers)))
-        tables["gps"] = _fixes(source, found[receivers[0]], notes)
+        tables["gps"] = _fixes(source, fields[receivers[0]], notes)
     if not tables:
         topics = tuple(map(plain_text, sorted(set(log.names()))[:12]))
         raise InputError("format.ulog_no_data", where=source.name, found=topics)
@@ -156,9 +156,9 @@ def _fixes(source: Source, data: Mapping[str, FloatArray], notes: list[Finding])
     if not (columns["time_s"] > 0.0).all():  # zero in early drivers
         columns["time_s"] = 1e-6 * data["timestamp"]
     for key, names in _PLACE.items():
-        found = next((factor * data[name] for name, factor in names if name in data), None)
-        if found is not None:
-            columns[key] = found
+        values = next((factor * data[name] for name, factor in names if name in data), None)
+        if values is not None:
+            columns[key] = values
     if "height_m" in columns and not columns["height_m"].any():  # zero in some drivers
         del columns["height_m"]
     elif "height_m" in columns:

@@ -46,7 +46,7 @@ _LAST: dict[object, int] = {nmea: 1, delimited_text: 2}  # formats that are trie
 
 @cache
 def formats() -> tuple[Format, ...]:
-    """List the formats in the order of trial; NMEA, also found inside other formats, and any text come last."""
+    """List the formats in the order in which they are tried; NMEA (found in other logs, too) and any text are last."""
     package = importlib.import_module("insnav.input.formats")
     names = [module.name for module in pkgutil.iter_modules(package.__path__)]
     modules = [importlib.import_module(f"{package.__name__}.{name}") for name in names]

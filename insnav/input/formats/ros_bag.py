@@ -76,12 +76,12 @@ class _Topic:
         by_size: dict[int, list[int]] = {}
         for row, (_, raw) in enumerate(self.pending):
             by_size.setdefault(len(raw), []).append(row)
-        found = np.full((len(self.pending), 4 + _KINDS[self.kind].numbers), np.nan)
+        decoded = np.full((len(self.pending), 4 + _KINDS[self.kind].numbers), np.nan)
         for size, rows in by_size.items():
             data = np.frombuffer(b"".join(self.pending[row][1] for row in rows), dtype=np.uint8).reshape(-1, size)
-            found[rows] = _decoded(data, _KINDS[self.kind], self.ros2)
-        found[:, 1] = [time * 1e-9 for time, _ in self.pending]
-        self.blocks.append(found[np.isfinite(found[:, 0])])
+            decoded[rows] = _decoded(data, _KINDS[self.kind], self.ros2)
+        decoded[:, 1] = [time * 1e-9 for time, _ in self.pending]
+        self.blocks.append(decoded[np.isfinite(decoded[:, 0])])
         self.pending.clear()
 
     def table(self) -> FloatArray:
@@ -139,7 +139,7 @@ def _suffix(source: Source) -> str:
 
 
 def _bags(source: Source) -> list[str]:
-    """List the bags in a folder or its subfolders."""
+    """List the bags in a folder and its direct subfolders."""
     return [each for each in source.members if PurePosixPath(each).suffix in suffixes and each.count("/") < 2]
 
 
@@ -189,14 +189,14 @@ def _behind_text(
     data: NDArray[np.uint8], groups: list[tuple[NDArray[np.int64], int]], ros2: bool
 ) -> list[tuple[NDArray[np.int64], int]]:
     """Group messages by the length of the text at a position; return their rows and the position after the text."""
-    found = []
+    result = []
     for rows, at in groups:
         at = 4 + (at - 1) // 4 * 4 if ros2 else at
         if at + 4 > data.shape[1]:
             continue
         lengths = np.ascontiguousarray(data[rows, at : at + 4]).view("<u4")[:, 0].astype(np.int64)
-        found += [(rows[lengths == each], at + 4 + each) for each in np.unique(lengths).tolist()]
-    return found
+        result += [(rows[lengths == each], at + 4 + each) for each in np.unique(lengths).tolist()]
+    return result
 
 
 def _times(table: FloatArray, notes: list[Finding]) -> FloatArray:
@@ -250,6 +250,7 @@ def _laid_on(source: Source, table: FloatArray, fixes: Table, topic: str) -> tup
     if common < _FEW or not np.isfinite(numbers).all():
         return None, Finding.of(Code.READ_ODOMETRY_SHORT, subject=topic, count=common, limit_count=_FEW)
     odometry = np.column_stack([np.interp(time[inside], stamp, numbers[:, i]) for i in range(3)])
+    # complex numbers east + i north, which a factor rotates
     fix_plane, odometry_plane = fix_ned[inside, 1] + 1j * fix_ned[inside, 0], odometry[:, 0] + 1j * odometry[:, 1]
     turn = np.angle(np.sum(np.conj(odometry_plane - odometry_plane.mean()) * (fix_plane - fix_plane.mean())))
     shift = fix_plane.mean() - np.exp(1j * turn) * odometry_plane.mean()
@@ -262,7 +263,7 @@ def _laid_on(source: Source, table: FloatArray, fixes: Table, topic: str) -> tup
     columns = {"time_s": stamp, **conventions.triad(conventions.PLACE, lla / [DEG, DEG, 1.0])}
     if (np.abs(np.linalg.norm(numbers[:, 3:7], axis=1) - 1.0) < 0.1).all():
         c, s = np.cos(turn), np.sin(turn)
-        to_ned = np.array([[s, c, 0.0], [c, -s, 0.0], [0.0, 0.0, -1.0]])  # rotation with East, North, Up converted
+        to_ned = np.array([[s, c, 0.0], [c, -s, 0.0], [0.0, 0.0, -1.0]])  # from odometry axes to North, East, Down
         level = level_from_earth(lla) @ to_earth
         c_nb = level @ to_ned @ dcm_from_quat(numbers[:, [6, 3, 4, 5]]) @ np.diag(_FLU)
         rph = rph_from_quat(quat_from_dcm(c_nb)) / DEG

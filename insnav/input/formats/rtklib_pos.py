@@ -66,29 +66,29 @@ def read(source: Source) -> Mapping[str, Table]:
     numbers = rows.read(range(len(rows.dialect.headers)))
     data = dict(zip(rows.dialect.headers, numbers.columns.values(), strict=True))
     time, note, week = _time(data, scale, rows)
-    found = {"time_s": time}
+    fixes = {"time_s": time}
     axes = _LAYOUTS[columns[0], columns[1], columns[2]]
     turn: FloatArray | None = None
     if axes == "neu":
         height = "height_msl_m" if b"/geodetic" in text[: rows.dialect.offset] else "height_m"
         lat, lon = (_degrees(data, columns[i]) for i in (0, 1))
-        found |= {"lat_deg": lat, "lon_deg": lon, height: data["height(m)"]}
+        fixes |= {"lat_deg": lat, "lon_deg": lon, height: data["height(m)"]}
     else:
         r_e, to_earth = _earth_fixed(data, columns, text, rows)
         lla = lla_from_earth(r_e)
-        found |= {"lat_deg": lla[:, 0] / DEG, "lon_deg": lla[:, 1] / DEG, "height_m": lla[:, 2]}
+        fixes |= {"lat_deg": lla[:, 0] / DEG, "lon_deg": lla[:, 1] / DEG, "height_m": lla[:, 2]}
         turn = level_from_earth(lla) @ to_earth
-    found |= {key: data[name] for key, name in (("fix", "Q"), ("satellites", "ns")) if name in data}
+    fixes |= {key: data[name] for key, name in (("fix", "Q"), ("satellites", "ns")) if name in data}
     with np.errstate(over="ignore", invalid="ignore"):  # values out of range are refused later
-        found |= _velocity(data, axes, turn)
+        fixes |= _velocity(data, axes, turn)
         deviations = _deviations(data, axes, turn, "sd{}(m)", "sd_{}_m") | _deviations(
             data, axes, turn, "sdv{}", "sd_v{}_m_s"
         )
     unknown = sum(int(np.count_nonzero(sd == 0.0)) for sd in deviations.values())
-    found |= {key: np.where(sd == 0.0, np.nan, sd) for key, sd in deviations.items()}
+    fixes |= {key: np.where(sd == 0.0, np.nan, sd) for key, sd in deviations.items()}
     notes = [note, Finding.of(Code.READ_SD_UNKNOWN, count=unknown) if unknown else None]
-    cells, kept = ArrayCells(tuple(found.values()), rows.line, numbers.cut), tuple(filter(None, notes))
-    return {"gps": Table(source.name, source.sha256, tuple(found), cells, notes=kept, week=week)}
+    cells, kept = ArrayCells(tuple(fixes.values()), rows.line, numbers.cut), tuple(filter(None, notes))
+    return {"gps": Table(source.name, source.sha256, tuple(fixes), cells, notes=kept, week=week)}
 
 
 def _rows(text: bytes | mmap.mmap, zeros: int, where: str) -> tuple[str, tuple[str, ...], TextCells]:

@@ -129,10 +129,10 @@ def _geodetic(source: Source, blocks: Mapping[str, _Rows], notes: _Notes) -> Tab
     v = np.column_stack([rows["vn"], rows["ve"], -rows["vu"]]).astype(np.float64)
     columns |= triad(VELOCITY, np.where(np.abs(v) < -_UNKNOWN, v, np.nan))
     for kind, names in (("position", "sd_{}_m"), ("velocity", "sd_v{}_m_s")):
-        other = blocks[f"geodetic {kind}"]
-        if len(other):
-            variance = np.column_stack([other[each] for each in ("nn", "ee", "uu")]).astype(np.float64)
-            columns |= deviations(joined(_key(rows), _key(other), np.sqrt(np.maximum(variance, 0.0))), names)
+        block = blocks[f"geodetic {kind}"]
+        if len(block):
+            variance = np.column_stack([block[each] for each in ("nn", "ee", "uu")]).astype(np.float64)
+            columns |= deviations(joined(_key(rows), _key(block), np.sqrt(np.maximum(variance, 0.0))), names)
     return _table(source, rows, columns, _good(rows, ("lat", "lon", "height")), notes, "PVTGeodetic")
 
 
@@ -147,15 +147,15 @@ def _cartesian(source: Source, blocks: Mapping[str, _Rows], notes: _Notes) -> Ta
     v = np.where(np.abs(v) < -_UNKNOWN, v, np.nan)
     columns |= triad(VELOCITY, np.einsum("nij,nj->ni", level_from_earth(lla), v))
     for kind, names in (("position", "sd_{}_m"), ("velocity", "sd_v{}_m_s")):
-        other = blocks[f"cartesian {kind}"]
-        if len(other):
-            covariance = joined(_key(rows), _key(other), _matrices(other, "xyz"))
+        block = blocks[f"cartesian {kind}"]
+        if len(block):
+            covariance = joined(_key(rows), _key(block), _matrices(block, "xyz"))
             columns |= deviations(level_covariance(covariance, lla), names)
     return _table(source, rows, columns, near, notes, "PVTCartesian")
 
 
 def _samples(source: Source, blocks: list[Bytes], week: float | None, notes: _Notes) -> Table | None:
-    """Read accelerations (type 0) and angular rates (type 1) of ExtSensorMeas, interpolated at the times of the rates."""
+    """Read accelerations (type 0) and angular rates (type 1) of ExtSensorMeas, at the times of the rates."""
     parts: dict[int, list[tuple[FloatArray, FloatArray]]] = {0: [], 1: []}
     head = layout(f"{_HEADER} n:u1 size:u1")
     for rows in blocks:

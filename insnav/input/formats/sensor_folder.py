@@ -70,7 +70,7 @@ class _File:
 def recognise(source: Source) -> bool:
     kinds = _paths(source)
     whole = "gyro" in kinds and bool({"accel", "linear"} & kinds.keys())
-    return whole or _stem(kinds.get("gps", "")) in _KINDS["gps"][:2]  # but not gps.csv, a name in any folder
+    return whole or _stem(kinds.get("gps", "")) in _KINDS["gps"][:2]  # not gps.csv: any folder may have it
 
 
 def read(source: Source) -> Mapping[str, Table]:
@@ -103,12 +103,12 @@ def _stem(path: str) -> str:
 
 def _paths(source: Source) -> dict[str, str]:
     """Find the best file of each kind by name."""
-    there = sorted(path for path in source.members if path.lower().endswith((".csv", ".txt", ".mat")))
-    found: dict[str, str] = {}
+    candidates = sorted(path for path in source.members if path.lower().endswith((".csv", ".txt", ".mat")))
+    best: dict[str, str] = {}
     for kind, patterns in _KINDS.items():
-        ranked = [path for pattern in patterns for path in there if re.fullmatch(pattern, _stem(path))]
-        found |= {kind: ranked[0]} if ranked else {}
-    return found
+        ranked = [path for pattern in patterns for path in candidates if re.fullmatch(pattern, _stem(path))]
+        best |= {kind: ranked[0]} if ranked else {}
+    return best
 
 
 def _open(source: Source, path: str, kind: str) -> _File:

@@ -202,18 +202,18 @@ def _source(name: str, raw: bytes | mmap.mmap, path: Path | None = None, depth: 
 
 
 def _folder_members(folder: Path, name: str) -> dict[str, Callable[[], Source]]:
-    found: dict[str, Callable[[], Source]] = {}
+    members: dict[str, Callable[[], Source]] = {}
     for place, folders, files in os.walk(folder):
         inner = Path(place).relative_to(folder)
         folders[:] = [] if len(inner.parts) >= MAX_DEPTH else sorted(f for f in folders if not f.startswith("."))
         for file in sorted(files):
             if not file.startswith("."):
-                found[(inner / file).as_posix()] = functools.partial(open_source, Path(place) / file)
-        if len(found) > MAX_FILES:
+                members[(inner / file).as_posix()] = functools.partial(open_source, Path(place) / file)
+        if len(members) > MAX_FILES:
             raise InputError("format.too_many_files", where=name, limit_count=MAX_FILES)
-    if not found:
+    if not members:
         raise InputError("format.empty_folder", where=name)
-    return found
+    return members
 
 
 def text_of(source: Source) -> tuple[bytes | mmap.mmap, int]:

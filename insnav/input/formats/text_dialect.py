@@ -77,8 +77,7 @@ def _numbers(cells: Sequence[str]) -> int:
 def sniff(head: bytes, *, whole: bool, where: str) -> Dialect:
     """Detect the text dialect of a table.
 
-    `head`: the first `SNIFF_BYTES` of the text, UTF-8 or Latin-1. `whole`: this is the complete text.
-
+    `head`: the first `SNIFF_BYTES` of the text, UTF-8 or Latin-1. `whole`: `head` is the complete text.
     Raises: InputError: only one column, or a header that does not fit the rows.
     """
     raw = head.splitlines(keepends=True)

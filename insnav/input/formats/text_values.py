@@ -132,8 +132,8 @@ def _numbers(part: Any, missing: str = "0") -> FloatArray:
 
 
 def _flags(part: Any, *words: str) -> Any:
-    found = pc.is_in(pc.utf8_upper(pc.fill_null(part, "")), value_set=pa.array(words))
-    return np.asarray(found.to_numpy(zero_copy_only=False), dtype=np.bool_)
+    mask = pc.is_in(pc.utf8_upper(pc.fill_null(part, "")), value_set=pa.array(words))
+    return np.asarray(mask.to_numpy(zero_copy_only=False), dtype=np.bool_)
 
 
 def _seconds(parts: dict[str, Any]) -> FloatArray:

@@ -57,7 +57,7 @@ def seconds_of_week(
 ) -> GpsTime:
     """Convert times to seconds since the start of a GPS week: the week of the first row, or a given `week`.
 
-    `day`, `second` (n,): days since 6 January 1980 (seven times the GPS week), and seconds since the start of the day.
+    `day`, `second` (n,): days since 6 January 1980 (first day of a GPS week), and seconds since the start of this day.
     """
     if not len(day):
         return GpsTime(day, None, week)

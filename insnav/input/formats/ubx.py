@@ -60,7 +60,7 @@ _MEAS, _RAW = 0x0210, 0x0310
 _GYRO_TYPES, _ACCEL_TYPES, _TEMPERATURE = (14, 13, 5), (16, 17, 18), 12  # along x, y, z
 _SCALES = {**dict.fromkeys(_GYRO_TYPES, DEG / 4096.0), **dict.fromkeys(_ACCEL_TYPES, 1.0 / 1024.0), _TEMPERATURE: 0.01}
 _NO_FIX = (0, 1, 5)  # invalid, dead reckoning only, time only
-_RAW_TICK = 39.0625e-6  # of time tags in ESF-RAW [s]; fixes also determine it
+_RAW_TICK = 39.0625e-6  # nominal unit of time tags in ESF-RAW [s]; fixes can correct it
 _FEW = 10  # least number of epochs that relate the sensor clock to GPS time
 _ORDER_JITTER = 0.1  # uncertainty of times from the message order [s]
 
@@ -167,7 +167,7 @@ def _week(rows: NDArray[Any]) -> FloatArray:
     part = rows[valid]
     day = gps_days(*(part[key].astype(np.float64) for key in ("year", "month", "day")))
     second = 3600.0 * part["hour"] + 60.0 * part["min"] + part["sec"]
-    # the date is rounded near midnight: it identifies only the week, to which the exact time of the week belongs
+    # the time of the week is exact; the date, which is rounded near midnight, identifies only the week
     since = day * 86_400.0 + second + leap_seconds(day, second)
     week[valid] = np.round((since - 1e-3 * part["iTOW"]) / WEEK)
     return _filled(week, rows["iTOW"].astype(np.float64))
@@ -194,22 +194,22 @@ def _position(rows: NDArray[Any]) -> dict[str, FloatArray]:
     fine = "lonHp" in (rows.dtype.names or ())
     part = {key: 0.01 * rows[f"{key}Hp"] if fine else 0.0 for key in ("lat", "lon")}
     unit = 1e-4 if fine else 1e-3
-    found = {
+    columns = {
         "lat_deg": 1e-7 * (rows["lat"] + part["lat"]),
         "lon_deg": 1e-7 * (rows["lon"] + part["lon"]),
         "height_m": 1e-3 * rows["height"] + (1e-4 * rows["heightHp"] if fine else 0.0),
         **conventions.by_accuracy(rows["hAcc"] * unit, rows["vAcc"] * unit),
     }
     if not fine:
-        return found
+        return columns
     valid = rows["flags"] & 1 == 0
-    return {key: np.where(valid, values, np.nan) for key, values in found.items()}
+    return {key: np.where(valid, values, np.nan) for key, values in columns.items()}
 
 
 def _speed(rows: NDArray[Any], unit: float) -> dict[str, FloatArray]:
-    found = {f"v{axis}_m_s": unit * rows[f"vel{axis.upper()}"] for axis in "ned"}
-    side = unit * rows["sAcc"] / np.sqrt(2.0)  # accuracy of the ground speed
-    return found | conventions.deviations(np.column_stack([side] * 3), "sd_v{}_m_s")
+    columns = {f"v{axis}_m_s": unit * rows[f"vel{axis.upper()}"] for axis in "ned"}
+    side = unit * rows["sAcc"] / np.sqrt(2.0)  # sAcc: accuracy of the ground speed
+    return columns | conventions.deviations(np.column_stack([side] * 3), "sd_v{}_m_s")
 
 
 def _covariances(rows: NDArray[Any]) -> dict[str, FloatArray]:

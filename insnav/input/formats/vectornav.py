@@ -74,8 +74,8 @@ def read(source: Source) -> Mapping[str, Table]:
     solution = text.named(_INS)
     if len(solution) == len(_INS) and (solution["lat_deg"] != 0.0).any():
         solution["heading_deg"] = solution["heading_deg"] % 360.0
-        own = [note, Finding.of(Code.READ_FUSED)]
-        tables["reference"] = column_table(source, {"time_s": time, **solution}, own, cut=text.cut, week=week)
+        fused_notes = [note, Finding.of(Code.READ_FUSED)]
+        tables["reference"] = column_table(source, {"time_s": time, **solution}, fused_notes, cut=text.cut, week=week)
     return tables or {"": table}
 
 

@@ -16,10 +16,10 @@ from insnav.tabular import runs_of
 from insnav.types import BoolArray, FloatArray, IntArray
 
 MAX_UNSORTED = 0.01  # largest share of rows out of order
-_BACKWARDS = 0.75  # larger share of rows earlier than the previous row: reverse order; shuffled: 0.5
-_RESET_ROWS = 5  # at least as many last rows out of order: the clock was set back
+_BACKWARDS = 0.75  # a larger share of backward time steps shows reverse order; a shuffled file has 0.5
+_RESET_ROWS = 5  # at least this number of last rows out of order shows that the clock was set back
 _MAX_SHARED = 0.1  # largest share of different rows with equal times
-_DAY, _FEW_STRAY = 86_400.0, 3  # length of a day [s]; most rows with stray times
+_DAY, _FEW_STRAY = 86_400.0, 3  # length of a day [s]; largest number of rows with damaged times
 _MIN_INTERVAL = 1e-9  # shorter intervals count as zero [s]
 # A log repeats its fixes if it has at least this number of different positions, and at most this share of positions
 # without repetition. A log that writes each fix twice, and lost a fifth of its rows, has a smaller share.
@@ -170,8 +170,8 @@ def _run_events(time: FloatArray, bad: BoolArray, kinds: Kinds, code: Code) -> l
         return []
     events = []
     for first, end in runs_of(bad).tolist():
-        at = known[min(int(np.searchsorted(known, first)), len(known) - 1)]
-        events.append(kinds.finding(code, time[at], count=end - first))
+        row = known[min(int(np.searchsorted(known, first)), len(known) - 1)]
+        events.append(kinds.finding(code, time[row], count=end - first))
     return events
 
 

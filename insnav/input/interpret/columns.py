@@ -33,7 +33,7 @@ _MEANT = {  # compact header -> header with the right unit
     **dict.fromkeys(("utcnano", "logmonotime"), "time (ns)"),
 }
 _NO_UNIT = re.compile("wgs84|txt|x[0-9a-f]{4}")  # texts in brackets that are no unit, such as a message number
-# text before a name: topic path (PlotJuggler), device with serial number (SensorConnect) or with colon (DatCon)
+# before the name in a header: topic path (PlotJuggler), device with serial number (SensorConnect) or colon (DatCon)
 _DEVICE = re.compile(r"^(?:/[^/]+(?=/.)|/|.*(?:\d{4,}[._:/ -]+|:)(?=[A-Za-z]))")
 _CHIP = re.compile(r"(?i).+\b(accelerometer|gyroscope)(?: (?!uncal)[^.]*)?[.]([xyz])")  # Android: chip, sensor, axis
 _NAMED = 3  # least number of quantities, besides time, in a header line
@@ -326,7 +326,7 @@ def require(
 
 
 def agrees(columns: Mapping[str, str], found: Mapping[str, Found], schema: Sequence[Quantity]) -> bool:
-    """Return True if columns chosen by values contradict no name, neither in `found` nor in another `schema`."""
+    """Return True if columns identified by values contradict no names, in `found` or in another `schema`."""
     named = {column.header: key for key, column in found.items()}
     unnamed = [header for key, header in columns.items() if key != "time" and header not in named]
     other_kind = any(key_of(header, schema) for header in unnamed)

@@ -33,12 +33,12 @@ from insnav.units import DEG
 
 _DATE, _CLOCK, _NANO = ("year", "month", "day"), ("hour", "minute", "second"), "nano"
 _TICKS, _TICK, _SHORT_TICK = "sampletimefine", 1e-4, 1e-6  # column of a counter, and its possible units [s]
-_LONGEST_STEP = 5000.0  # counts per sample: an IMU at 2 Hz counts 5000 of 0.1 ms, the fastest DOT (120 Hz) 8333 us
+_LONGEST_STEP = 5000.0  # longest sample interval in counts of 0.1 ms (2 Hz); the fastest DOT (120 Hz) counts 8333 us
 _SECONDS = "(s|secs?|seconds?)"
 _FRACTION = re.compile(f"(?P<stem>.*?)(?P<size>n|nano|u|micro){_SECONDS}")
 _SIZES = {"n": 1e-9, "u": 1e-6, "m": 1e-6}  # unit of a fraction by its first letter [s]
 _INSTANCES = {"i", "instance", "imu", "imuid", "sensor", "sensorid", "device", "deviceid", "id"}
-_MOST_INSTANCES, _TURNS = 8, 0.5  # sensors in one table, and share of rows from another sensor than the previous row
+_MOST_INSTANCES, _TURNS = 8, 0.5  # most sensors in a table; least share of rows whose sensor changes
 _OF_TIME = re.compile(r"(utc|gps|time)*(year|month|day|hour|minute|min|second|sec|nano)s?(ns)?")
 _OF_PLACE = re.compile(
     r"(?:ecef|wls|pos|position|field)*(v|vel|velocity)?(?:ecef)?([xyz])(?:ecef)?(?:[kcm]?m|[kcm]?ms|meters)?"
@@ -68,12 +68,12 @@ class _Composed:
 
     def read(self, indices: Sequence[int]) -> Numbers:
         """See `Cells`."""
-        own, others = ([i for i in indices if (i >= self.width) == other] for other in (False, True))
-        numbers = self.cells.read(sorted({*own, *(self.parts if others else ())}))
-        columns = {i: numbers.columns[i] for i in own}
-        if others:
+        own_indices, new_indices = ([i for i in indices if (i >= self.width) == other] for other in (False, True))
+        numbers = self.cells.read(sorted({*own_indices, *(self.parts if new_indices else ())}))
+        columns = {i: numbers.columns[i] for i in own_indices}
+        if new_indices:
             made = self.make(*(numbers.columns[part] for part in self.parts))
-            columns |= {i: np.ascontiguousarray(made[:, i - self.width]) for i in others}
+            columns |= {i: np.ascontiguousarray(made[:, i - self.width]) for i in new_indices}
         return replace(numbers, columns=columns, texts={i: text for i, text in numbers.texts.items() if i in columns})
 
     def line(self, row: int) -> str:
@@ -174,16 +174,16 @@ def _first(table: Table, parts: Sequence[int]) -> list[FloatArray] | None:
 
 def _timed(table: Table, words: Sequence[str]) -> Table:
     """Add a time column [s] from date and clock parts, from seconds and fraction, or from a sample counter."""
-    found: dict[str, int] = {}
+    indices: dict[str, int] = {}
     for i, word in enumerate(words):
         if (named := _OF_TIME.fullmatch(word)) is not None:
-            found.setdefault({"min": "minute", "sec": "second"}.get(named[2], named[2]), i)
+            indices.setdefault({"min": "minute", "sec": "second"}.get(named[2], named[2]), i)
     others = [i for i, word in enumerate(words) if not _OF_TIME.fullmatch(word) and _is_time(table.headers[i])]
-    if not others and found.keys() >= {*_DATE, *_CLOCK}:
-        names = [*_DATE, *_CLOCK, *[_NANO] * (_NANO in found)]
-        parts = [found[name] for name in names]
+    if not others and indices.keys() >= {*_DATE, *_CLOCK}:
+        names = [*_DATE, *_CLOCK, *[_NANO] * (_NANO in indices)]
+        parts = [indices[name] for name in names]
         values = _first(table, parts)
-        scale: Scale = "GPST" if words[found["year"]].startswith("gps") else "UTC"
+        scale: Scale = "GPST" if words[indices["year"]].startswith("gps") else "UTC"
         day, second = _moments(*values) if values is not None else (np.full(1, np.nan), np.zeros(1))
         if np.isfinite(day).all():
             first = seconds_of_week(day[:1], second[:1], scale)
@@ -194,7 +194,7 @@ def _timed(table: Table, words: Sequence[str]) -> Table:
             columns = table.headers[parts[0]], table.headers[parts[-1]]
             note = Finding.of(Code.TIME_FROM_PARTS, first=columns[0], last=columns[1])
             return _added(table, parts, ["time_s"], seconds, note, first.note, week=first.week)
-    if not found.keys() >= {"minute", "second"} and (pair := _seconds_and_fraction(table, words)) is not None:
+    if not indices.keys() >= {"minute", "second"} and (pair := _seconds_and_fraction(table, words)) is not None:
         seconds_at, fraction, size = pair
         note = Finding.of(Code.TIME_TWO_COLUMNS, columns=(table.headers[seconds_at], table.headers[fraction]))
         return _added(table, [seconds_at, fraction], ["time_s"], lambda s, n: (s + size * n)[:, None], note)
@@ -216,15 +216,15 @@ def _seconds_and_fraction(table: Table, words: Sequence[str]) -> tuple[int, int,
         if part is None:
             continue
         named = re.compile(re.escape(part["stem"]) + _SECONDS)
-        own = [k for k, word in enumerate(words) if named.fullmatch(word)]
-        others = [k for k, header in enumerate(table.headers) if not part["stem"] and k != i and _is_time(header)]
+        same_name = [k for k, word in enumerate(words) if named.fullmatch(word)]
+        time_columns = [k for k, header in enumerate(table.headers) if not part["stem"] and k != i and _is_time(header)]
         size = _SIZES[part["size"][0]]
-        for k in dict.fromkeys((*own, *others)):
-            whole, rest = _first(table, [k, i]) or [np.zeros(1), np.zeros(1)]
-            known = np.isfinite(whole) & np.isfinite(rest)
-            whole, rest = whole[known], size * rest[known]
-            if len(whole) > 1 and (whole == np.floor(whole)).all() and rest.min() >= 0.0 and rest.max() < 1.0:
-                steps = np.diff(whole + rest)
+        for k in dict.fromkeys((*same_name, *time_columns)):
+            whole, fraction = _first(table, [k, i]) or [np.zeros(1), np.zeros(1)]
+            known = np.isfinite(whole) & np.isfinite(fraction)
+            whole, fraction = whole[known], size * fraction[known]
+            if len(whole) > 1 and (whole == np.floor(whole)).all() and fraction.min() >= 0.0 and fraction.max() < 1.0:
+                steps = np.diff(whole + fraction)
                 if steps.any() and np.mean(steps >= 0.0) > 1.0 - _TURNS:
                     return k, i, size
     return None
@@ -243,17 +243,17 @@ def _moments(*by: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 def _placed(table: Table, words: Sequence[str]) -> Table:
     """Add latitude, longitude, height from Earth-fixed x, y, z, and velocity North, East, Down if present."""
-    found: dict[str, int] = {}
+    indices: dict[str, int] = {}
     for i, word in enumerate(words):
         if part := _OF_PLACE.fullmatch(word):
-            found.setdefault(("v" if part[1] else "") + part[2], i)
-    places, speeds = [found.get(axis, -1) for axis in "xyz"], [found.get(f"v{axis}", -1) for axis in "xyz"]
+            indices.setdefault(("v" if part[1] else "") + part[2], i)
+    places, speeds = [indices.get(axis, -1) for axis in "xyz"], [indices.get(f"v{axis}", -1) for axis in "xyz"]
     values = _first(table, places) if min(places) >= 0 else None
     if values is None:
         return table
     size = np.linalg.norm(np.column_stack(values), axis=1)
     labelled = all("ecef" in words[i] or "km" in words[i] for i in places)
-    units = (1.0, 1e-2, 1e-3, 1e3) if labelled else (1.0,)  # in other units, local coordinates could also fit
+    units = (1.0, 1e-2, 1e-3, 1e3) if labelled else (1.0,)  # unlabelled local coordinates could fit other units
     fitting = [unit for unit in units if _inside(unit * size).mean() > _SHARE]
     if not fitting or not (labelled or float(np.nanmedian(np.abs(values[2]))) * fitting[0] > _HIGH):
         return table
@@ -263,10 +263,10 @@ def _placed(table: Table, words: Sequence[str]) -> Table:
         r_e = unit * np.column_stack(by[:3])
         known = _inside(np.linalg.norm(r_e, axis=1))[:, None]
         lla = lla_from_earth(np.where(known, r_e, [_EARTH[0], 0.0, 0.0]))
-        found = [lla / [DEG, DEG, 1.0]]
+        columns = [lla / [DEG, DEG, 1.0]]
         if len(by) > 3:
-            found.append(np.einsum("nij,nj->ni", level_from_earth(lla), unit * np.column_stack(by[3:])))
-        return np.where(known, np.hstack(found), np.nan)
+            columns.append(np.einsum("nij,nj->ni", level_from_earth(lla), unit * np.column_stack(by[3:])))
+        return np.where(known, np.hstack(columns), np.nan)
 
     moves = min(speeds) >= 0 and _first(table, speeds) is not None
     parts = [*places, *(speeds if moves else ())]
@@ -350,7 +350,7 @@ def _velocities(raw: dict[str, FloatArray], found: Mapping[str, Found]) -> list[
     if "vn" in raw or "ve" in raw or speed is None or course is None:
         unused = [found[key].header for key, column in (("speed", speed), ("course", course)) if column is not None]
         return [unused_columns(unused)] if unused and "vn" not in raw else []
-    speed = np.where(speed >= 0.0, speed, np.nan)  # -1 means unknown
+    speed = np.where(speed >= 0.0, speed, np.nan)  # negative: unknown
     known = np.isfinite(speed) & (np.isfinite(course) & (course >= 0.0) | (speed < _STILL))
     course = np.where(np.isfinite(course), course, 0.0)
     raw["vn"] = np.where(known, speed * np.cos(course), np.nan)

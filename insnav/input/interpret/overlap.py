@@ -1,4 +1,4 @@
-"""Check that two recordings have common time; if they have none, diagnosis of their clocks."""
+"""Check of two recordings for common time, and diagnosis of their clocks if they have none."""
 
 from __future__ import annotations
 
@@ -14,14 +14,11 @@ GPS_EPOCH = UNIX_DAYS * DAY  # 6 January 1980 in Unix time [s]
 HOUR, ZONE = 3600.0, 1800.0  # time zones differ by multiples of half an hour [s]
 LEAP = 18.0  # GPS minus UTC since 2017 [s]
 _MAX_OFFSET = 4e9  # largest offset between clocks that count seconds [s]
-_MIN_SHARE = 0.5  # share of the shorter recording that must overlap after a likely offset
+_MIN_SHARE = 0.5  # share of the shorter recording that must overlap with a likely offset
 
 
 def check_overlap(imu: ImuData, gps: GpsData) -> None:
-    """Refuse recordings without common time; the error states the likely clock offset.
-
-    Raises: InputError: no fix lies within the samples.
-    """
+    """Refuse files without common time, with the likely clock offset. Raises: InputError: no fix lies within the samples."""
     first, last = float(imu.time[0]), float(imu.time[-1])
     if np.any((gps.time >= first) & (gps.time <= last)):
         return
@@ -91,7 +88,7 @@ def likely_offset(imu: tuple[float, float], gps: tuple[float, float]) -> tuple[f
     if abs(difference) > _MAX_OFFSET:
         return None, {}
     for base, unix in ((GPS_EPOCH - LEAP, "gps"), (LEAP - GPS_EPOCH, "imu")):
-        # Unix time against GPS time since 1980 (zero weeks), or seconds of a GPS week (number of that week).
+        # One clock is Unix time; the other is GPS time since 1980, or seconds of a GPS week, whose number is `weeks`.
         if abs(difference) > 0.9 * GPS_EPOCH and np.sign(difference) == np.sign(base):
             weeks = round((difference - base) / WEEK)
             offset = base + weeks * WEEK

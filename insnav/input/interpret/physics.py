@@ -63,16 +63,16 @@ def _angles(text: str) -> FloatArray | None:
 _GRAVITY = 9.8  # [m/s^2]; on Earth 9.76 .. 9.83
 _GRAVITY_TOLERANCE = 0.05
 _MIN_SHARE = 0.02  # share of quiet blocks that must show gravity
-_FAR_OFF = 0.5  # a larger relative error of the median is no accelerometer of a vehicle
-_AIMLESS = 0.5  # least ratio of the norm of the mean to the mean norm, if gravity is included
+_FAR_OFF = 0.5  # accelerometers of vehicles have a smaller relative error of the median
+_AIMLESS = 0.5  # least norm of the mean force over the mean norm, if gravity is included
 UNCALIBRATED = 0.2  # largest relative error of an uncalibrated sensor
 _MAX_RATE = 12.0  # no vehicle turns faster persistently [rad/s]
 _MAX_SENSOR_RATE = 70.0  # largest rate of usual sensors [rad/s]
 MAX_TURN_RATIO = 4.0  # factor by which a lever arm or a swaying vehicle may disturb the comparison with gravity
 _MAX_BLOCKS = 1000  # most blocks of `quiet_part` that are examined
 _MIN_STEPS = 10  # fewest rows to determine a time unit
-_REPEATED = 0.5  # larger share of rows with the time of the previous row: a clock with too few digits
-_MAX_SAMPLES = 50_000  # examined
+_REPEATED = 0.5  # a larger share of rows with the previous row's time shows a clock with too few digits
+_MAX_SAMPLES = 50_000  # most samples that are examined
 _MAX_GROUPS = 2000  # limits of the number of groups in `turn_ratio`
 _MIN_GROUPS = 10
 _TURN_BLOCK = 0.2  # interval for comparing rotation and gravity [s]
@@ -123,8 +123,8 @@ def quiet_part(gyro: FloatArray, accel: FloatArray, *, interval: float, scale: f
     direction = mean / np.maximum(np.linalg.norm(mean, axis=1, keepdims=True), 1e-300)
     level_rate = np.linalg.norm(np.cross(turns, direction), axis=1)[quiet] * scale
     rotation = np.linalg.norm(np.diff(direction, axis=0), axis=1) / (step * width * interval)
-    both = quiet[1:] & quiet[:-1]
-    medians = (float(np.median(level_rate)), float(np.median(rotation[both]))) if both.any() else (0.0, 0.0)
+    both_quiet = quiet[1:] & quiet[:-1]
+    medians = (float(np.median(level_rate)), float(np.median(rotation[both_quiet]))) if both_quiet.any() else (0.0, 0.0)
     return Quiet(mean[quiet] * scale, np.quantile(sample, 0.999, axis=0) * scale, *medians)
 
 
@@ -133,7 +133,7 @@ def find_accel_unit(
 ) -> tuple[str, Finding]:
     """Find the unit of the accelerometers by gravity.
 
-    `quiet`: in units of the file, for increments per second. `stated`: unit from header or user.
+    `quiet`: statistics in units of the file, of increments divided by the interval. `stated`: unit from header or user.
     Raises: InputError: the stated unit contradicts gravity, or no unit fits.
     """
     norms = np.linalg.norm(quiet.mean, axis=1)
@@ -150,7 +150,7 @@ def find_accel_unit(
                 values = {"stated": stated, "shown": median_norm, "unit": unit}
                 raise InputError("columns.accel_unit", where=where, gives={"units": {"accel": unit}}, **values)
             gravity = float(np.median(force))
-            if abs(gravity / _GRAVITY - 1.0) > _FAR_OFF:  # blocks fit by chance
+            if abs(gravity / _GRAVITY - 1.0) > _FAR_OFF:  # a few blocks fit by chance
                 continue
             error = gravity / _GRAVITY - 1.0
             if abs(error) <= _GRAVITY_TOLERANCE:
@@ -260,8 +260,8 @@ def odd_one(gyros: Sequence[FloatArray]) -> int | None:
     """Find the index of a gyro whose sample changes indicate another unit than two other gyros ``(n,)``; else None."""
     changes = [float(np.median(np.abs(np.diff(gyro[:_MAX_SAMPLES])))) for gyro in gyros]
     low, middle, high = sorted(changes)
-    for odd, other, one in ((high, middle, low), (low, middle, high)):
-        if low > 0.0 and max(other / one, one / other) < _LIKE and max(odd / other, other / odd) > _OTHER:
+    for odd, second, third in ((high, middle, low), (low, middle, high)):
+        if low > 0.0 and max(second / third, third / second) < _LIKE and max(odd / second, second / odd) > _OTHER:
             return changes.index(odd)
     return None
 
@@ -274,7 +274,7 @@ def find_gyro_unit(
     `ratio`, `correlation`: from `turn_ratio`, in units of the file. `odd`: header of the gyro found by `odd_one`.
     Raises: InputError: the stated unit contradicts the evidence.
     """
-    usual = ("rad", "deg") if increments else ("rad/s", "deg/s", "mrad/s", "mdeg/s")  # factors of 17 and more
+    usual = ("rad", "deg") if increments else ("rad/s", "deg/s", "mrad/s", "mdeg/s")  # factors of 17 or more apart
     fastest = float(quiet.rate.max())
     shown, reason = None, dict[str, Any]()
     finding = Finding.of(Code.UNITS_GYRO_ASSUMED, largest=fastest, unit=usual[0], other=usual[1], factor=1.0 / DEG)
@@ -356,7 +356,7 @@ def clock_digits(time: FloatArray) -> FloatArray | None:
     time = np.where(np.isfinite(time), time, np.nan)
     seconds = 3600.0 * (time // 10_000.0) + 60.0 * (time // 100.0 % 100.0) + time % 100.0
     steps = np.diff(seconds[np.isfinite(time)])
-    step, after_one = float(np.median(steps)), float(known.min()) >= 10_000.0  # larger than plain seconds
+    step, after_one = float(np.median(steps)), float(known.min()) >= 10_000.0  # from 01:00:00 on
     usual = np.abs(steps[jumps] - step) < 0.5 * step
     if not jumps.any() or (np.count_nonzero(usual) < 2 and not after_one):
         return None

@@ -76,7 +76,7 @@ LOG_SCHEMAS: dict[str, tuple[tuple[Quantity, ...], tuple[tuple[str, ...], ...]]]
     name: (schema(name), tuple(tuple(each.split()) for each in needed)) for name, needed in _NAMES["logs"].items()
 }
 
-PREFIXES = tuple(_NAMES["prefixes"].split())  # beginnings of headers to skip
+PREFIXES = tuple(_NAMES["prefixes"].split())  # beginnings of headers that `match_header` skips
 
 _MORE_UNITS: dict[str, dict[str, float]] = {
     "time": {"us": 1e-6, "ns": 1e-9},

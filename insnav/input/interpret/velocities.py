@@ -11,20 +11,21 @@ from insnav.input.interpret.schema import ALL_UNITS
 from insnav.types import FloatArray, IntArray
 from insnav.units import DEG
 
-SPAN = 2.0  # interval of position changes [s]: it averages position noise, but turns little
+SPAN = 2.0  # interval of position changes [s]: long against position noise, short against turns
 _FEWEST = 5  # least number of position changes
 _FIRM = 3.0  # a change is significant beyond this multiple of the position scatter
 _SLOWEST = 1.0  # lower speeds are not used [m/s]
-# median relative difference of velocity and position change: largest that fits, least wrong; ratio for another reading
+# Limits of the median relative difference of velocities and position changes. The column names hold below the second
+# limit. Another interpretation must be below the first, and below the third times the difference of the names.
 _FITS, _WRONG, _BETTER = 0.2, 0.35, 0.35
 _UNITS = {unit: ALL_UNITS[unit][1] for unit in ("m/s", "km/h", "knot", "cm/s", "mm/s", "ft/s", "mph")}
-_LEAST_CLIMB = 0.01  # height changes that determine the sign [m]
+_LEAST_CLIMB = 0.01  # least RMS of height changes that determine the sign [m]
 _CLIMBS = (2.0, 8.0, 32.0)  # intervals of height changes [s]; noise hides changes in short intervals
 _OUTSIDE = 5.0  # multiple of the median difference beyond which a velocity is false
-_RISES = 5.0  # sd by which the slope of climb over vertical velocity must be below one; good drives: 2.7
-_FALLS = 3.0  # sd by which the slope must be below zero; drifting heights before a flight had 2.5
+_RISES = 5.0  # the slope of climb over vertical velocity must be below one by this many sd; correct drives: 2.7
+_FALLS = 3.0  # a reversed slope is below zero by this many sd; heights that drift before a flight: 2.5
 _UP, _FEET = -1.0, 1.0 / 0.3048  # slope for a velocity up, and for heights in feet
-_NEAR, _CLEAR = 0.25, 4.0  # tolerance of the slope of feet, and sd by which the slope must be above one
+_NEAR, _CLEAR = 0.25, 4.0  # relative tolerance of the slope of feet; the slope must exceed one by this many sd
 # scale errors: interval of position changes [s], least RMS of the changes [m], rounds of outlier removal
 _MOVE, _LEAST_MOVE, _TRIMMED = 8.0, 1.0, 3
 _LONG_ENOUGH = 60.0  # shortest record for scale errors [s]: lagging velocities miss motion at the start
@@ -42,8 +43,8 @@ class Fit:
     order: tuple[int, int]  # indices of the columns north and east, among ``vn``, ``ve``
     signs: tuple[float, float]
     unit: str  # unit of the three velocity columns
-    ratio: float  # position change over velocity in m/s
-    climb: float = 1.0  # slope of climb over climb by the third column, read as m/s down: 1, `_UP` or `_FEET`
+    ratio: float  # position change over integrated velocity, read as m/s
+    climb: float = 1.0  # measured climb over climb by the third column, read as m/s down: 1, `_UP`, `_FEET`
     radians: str = ""  # quantity in radians: "positions", "latitudes" or "longitudes"; empty without
     exchanged: bool = False  # latitudes and longitudes are exchanged
     in_vehicle: bool = False  # the velocities are in vehicle axes: only the speed fits
@@ -149,7 +150,8 @@ def fit_velocities(time: FloatArray, lla: FloatArray, v_n: FloatArray) -> Fit | 
     speed_apart = float(np.median(np.abs((distance[stop] - distance[start])[firm] / size - 1.0)))
     sizes_sorted = np.sort(np.abs(v[start][firm, :2]), axis=1)
     forward = float(np.median(sizes_sorted[:, 0] / np.maximum(sizes_sorted[:, 1], 1e-9))) < _SIDE < named_error
-    if forward and speed_apart < _BETTER * named_error:  # one column stays small on roads in any direction
+    # One column stays small, although roads lead in any direction: the columns are forward and lateral velocity.
+    if forward and speed_apart < _BETTER * named_error:
         return Fit((0, 1), (1.0, 1.0), "m/s", ratio, in_vehicle=True)
     if named_error < _WRONG:
         return Fit((0, 1), (1.0, 1.0), "m/s", ratio, _climb(t, lla[known, 2], integral[:, 2]))
@@ -185,7 +187,7 @@ def scales(time: FloatArray, lla: FloatArray, v_n: FloatArray) -> list[tuple[str
     integral, place = _gone(time[known], v_n[known]), lla[known]
     start, stop = _moves(time[known], _MOVE, 1.5 * _MOVE)
     by_velocity, by_position = integral[stop] - integral[start], ned_offset(place[stop], place[start])
-    found = []
+    errors = []
     for name, sums, moved in zip(("north", "east", "up and down"), by_velocity.T, by_position.T, strict=True):
         if name == "up and down" and sums.size:  # a standing receiver may report centimetres per second
             sums, moved = sums - sums.mean(), moved - moved.mean()
@@ -205,8 +207,8 @@ def scales(time: FloatArray, lla: FloatArray, v_n: FloatArray) -> list[tuple[str
         scatter = float(np.std(moved - scale * sums)) * np.sqrt(max(float(np.median(stop - start)), 1.0) * _LASTING)
         sd = scatter / float(np.linalg.norm(sums))
         if abs(scale - 1.0) > max(_SCALED, _SURE * sd):
-            found.append((name, scale, sd))
-    return found
+            errors.append((name, scale, sd))
+    return errors
 
 
 def _gone(time: FloatArray, v_n: FloatArray) -> FloatArray:
@@ -235,14 +237,14 @@ def _climb(time: FloatArray, height: FloatArray, fallen: FloatArray) -> float:
     for span in _CLIMBS:
         start, stop = _moves(time, span, 2.0 * span)
         sums, moved = fallen[stop] - fallen[start], height[start] - height[stop]
-        apart = np.min([np.abs(moved - by * sums) for by in (1.0, _UP, _FEET)], axis=0)  # of the best slope
+        apart = np.min([np.abs(moved - by * sums) for by in (1.0, _UP, _FEET)], axis=0)  # by the nearest slope
         kept = apart <= _OUTSIDE * np.median(apart) if len(apart) else apart < 0.0
         sums, moved = sums[kept], moved[kept]
         power = float(np.sum(sums**2))
         if len(sums) < _FEWEST or not power > len(sums) * _LEAST_CLIMB**2:  # also if a value is NaN
             continue
         slope = float(np.sum(moved * sums)) / power
-        scatter = float(np.std(moved - slope * sums)) * np.sqrt(float(np.median(stop - start)))  # overlap
+        scatter = float(np.std(moved - slope * sums)) * np.sqrt(float(np.median(stop - start)))  # intervals overlap
         sd = scatter / np.sqrt(power)
         if slope < -0.5 and slope < min(1.0 - _RISES * sd, -_FALLS * sd):
             return _UP

@@ -60,7 +60,7 @@ def read_imu(
     path : str, Path or Table
         A data file of any supported format, or ``-`` for standard input.
     axes : str, optional
-        Directions of the sensor's x, y, z, such as ``FLU``; default ``FRD``, refused if gravity contradicts it.
+        Directions of the sensor's x, y, z, such as ``FLU``; the default ``FRD`` is refused if gravity contradicts it.
     columns : mapping of str to str, optional
         Quantity, with or without unit, to header: ``{"gyro_x_dps": "Gx"}``.
     units : mapping or str, optional
@@ -185,18 +185,18 @@ def parse_units(units: Units) -> dict[str, str]:
     Written as ``{"gyro": "deg/s"}``, ``"gyro=deg/s,accel=g,time=ms"``, or ``"deg/s,g"``. Returns keys of `ALL_UNITS`,
     without counts and `RawScale` (see `_raw_scales`). Raises: ConfigError: unknown text, or two units for one quantity.
     """
-    found: dict[str, str] = {}
+    parsed: dict[str, str] = {}
     for key, text in unit_pairs(units):
         if isinstance(text, RawScale) or _COUNTS_PER.fullmatch(key):
             continue
         for name, dimensions in _DIMENSIONS.items():
             unit = next((u for d in dimensions if (u := find_unit(text, d)) is not None), None)
-            if unit is not None and key in ("", name) and name not in found:
-                found[name] = unit
+            if unit is not None and key in ("", name) and name not in parsed:
+                parsed[name] = unit
                 break
         else:
             raise ConfigError("input.unknown_imu_unit", where="imu-units", text=f"{key}={text}" if key else text)
-    return found
+    return parsed
 
 
 def unit_pairs(units: Units) -> list[tuple[str, str | RawScale]]:
@@ -308,13 +308,13 @@ def _choose(
     *,
     some: bool = False,
 ) -> bool:
-    """Return True to read increments. `found` gets rate columns with increments; `some`: sensors may be missing."""
+    """Return True for increments, which are added to `found` if named as rates. `some`: sensors may be missing."""
     dims = {ALL_UNITS[given[key]][0] for key in ("gyro", "accel") if key in given}
     if specified := sampling == "increment" or bool(dims & {"angle", "velocity"}):
         if dims & {"rate", "acceleration"} or sampling in ("mean", "instant"):
             units = tuple(f"{key}={unit}" for key, unit in given.items())
             raise ConfigError("input.units_against_sampling", where="imu-units", units=units, sampling=sampling or "")
-        # Rate columns contain increments by the user's units, or by the user's `sampling` if headers lack units.
+        # By the user's units, or by `sampling` if headers lack units, columns named as rates may contain increments.
         for rate, increment in zip(_RATES + _FORCES, _ANGLES + _VELOCITIES, strict=True):
             old = found.get(rate)
             if old is not None and increment not in found and (old.unit is None or rate.partition("_")[0] in given):
@@ -411,7 +411,7 @@ def _in_body(columns: dict[str, FloatArray], keys: tuple[str, ...], matrix: Floa
 
 
 def _temperature(time: FloatArray, column: FloatArray | None) -> tuple[FloatArray | None, tuple[Finding, ...]]:
-    """Interpolate temperatures in rows without one, with a finding; many loggers write them less often."""
+    """Fill rows without temperature by interpolation, with a finding; many loggers write temperatures less often."""
     if column is None:
         return None, ()
     known = np.isfinite(column)

@@ -20,7 +20,7 @@ _LOOKED_AT = 100  # files of a folder that are examined
 def kinds_of(tables: Mapping[str, Table], *, imu_known: bool = False) -> set[str]:
     """Return the kinds of data in a file (``imu``, ``gps``, ``reference``), by its format, headers or values.
 
-    `imu_known`: the IMU file is known; otherwise, an unidentified table without header counts as IMU data.
+    `imu_known`: another file is the IMU file. If not, an unidentified table without header counts as IMU data.
     """
     kinds = {key.partition(":")[0] for key in tables}
     if "" not in kinds:
@@ -57,7 +57,7 @@ def _opened(files: Iterable[Path]) -> Iterator[tuple[Path, Mapping[str, Table], 
 
 
 def open_parts(path: str | Path) -> Mapping[str, Table]:
-    """Return the tables of a file or folder by kind; if the file names in a folder do not show the kinds, contents do.
+    """Return the tables of a file or folder by kind; in a folder, file names show the kinds, or else the contents do.
 
     If several files have the same kind, the file named after the kind is chosen, such as ``imu.csv``, otherwise none.
     """

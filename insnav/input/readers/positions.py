@@ -33,11 +33,11 @@ _SLOWEST = 45.0  # longer time steps [s] show that the unit is not seconds
 _MAX_HEIGHT = 1e5  # limits of plausible heights [m]
 _MIN_HEIGHT = -1e4
 _FAR = 0.1 * DEG  # a fix at (0, 0) is a placeholder if all other fixes are farther away [rad]
-_MOVES, _CLIMBS = 100.0, 5.0  # horizontal and vertical motion of a reference [m] in which zeros are unknown
+_MOVES, _CLIMBS = 100.0, 5.0  # horizontal, vertical motion of a reference [m]: with more, a column of zeros is unknown
 _ROOM = {"px", "prsrx", "posx", "positionx"}  # headers of local positions, as in EuRoC and TUM-VI
 # formats that define no height datum; the empty name means data in memory
 _ANY_HEIGHT = {"", *(each.name for each in (delimited_text, kf_gins, matlab, parquet, sensor_folder))}
-# columns that identify ArduPilot, PX4, GoPro (GPMF: MSLV); their documents define ``Alt`` as above mean sea level
+# columns that identify ArduPilot, PX4, GoPro (GPMF: MSLV); their documents define ``Alt`` above mean sea level
 _OF_SEA_LEVEL = {"timeus", "epv", "altitudesystem"}
 _ATTITUDE = ("roll", "pitch", "heading")
 _STANDARD_DEVIATIONS = ("sd_n", "sd_e", "sd_d", "sd_vn", "sd_ve", "sd_vd")
@@ -242,7 +242,8 @@ def _no_position(raw: dict[str, FloatArray]) -> BoolArray:
         return bad
     others = ~bad & ~origin
     nearest = float(np.min(np.abs(lat[others]) + np.abs(lon[others]), initial=np.inf))
-    placeholder = nearest > _FAR and bool(others.any() or np.count_nonzero(origin) > 1)  # never measured twice
+    # a receiver never measures exactly (0, 0) twice: repetitions are placeholders, even without other fixes
+    placeholder = nearest > _FAR and bool(others.any() or np.count_nonzero(origin) > 1)
     no_fix = raw["fix"] == 0.0 if "fix" in raw else np.zeros_like(bad)
     bad |= origin & (no_fix | placeholder)
     return bad

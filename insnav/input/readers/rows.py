@@ -99,13 +99,13 @@ def read_rows(
     from the time steps.
     Raises: InputError: a cell is not a number, or the unit of the time is ambiguous.
     """
-    if "time" in found and found["time"].header != "time_s":  # the file's own time column, not a composed one
+    if "time" in found and found["time"].header != "time_s":  # findings on a composed time do not apply
         table = replace(table, notes=tuple(note for note in table.notes if note.code not in _MADE_TIMES))
     keys = [*dict.fromkeys((*keys, *(["date"] if "date" in found and "time" in keys else [])))]
     numbers = table.cells.read([found[key].index for key in keys])
     columns = {key: numbers.columns[found[key].index] for key in keys}
     forms = {key: numbers.texts[found[key].index] for key in columns if found[key].index in numbers.texts}
-    if "date" in forms and forms["date"].form != "date":  # a number, not a date: the time column alone gives the time
+    if "date" in forms and forms["date"].form != "date":  # not a plain date: only the time column is used
         del columns["date"], forms["date"]
     _refuse_texts(forms, found, table)
     _refuse_marks(columns, found, table)
