@@ -49,16 +49,16 @@ class Stream:
         log, start = self._rest + data, 0
         while start < len(log):
             sync, end = log.find(_SYNC, start), log.find(b"\n", start)
-            if sync == start:
+            if sync == start:  # a u-blox message
                 size = 8 + int.from_bytes(log[start + 4 : start + 6], "little")
                 if len(log) < start + max(size, 8):
                     break
                 next_start = start + size
                 fix = self._read(ubx.read, log[start:next_start]) if log[start + 2 : start + 4] in _FIXES else None
                 self._better |= fix is not None
-            elif sync >= 0 and not 0 <= end < sync:
+            elif sync >= 0 and not 0 <= end < sync:  # text without line end before a u-blox message
                 fix, next_start = self._line(log[start:sync]), sync
-            elif end < 0 and len(log) - start < LONGEST:
+            elif end < 0 and len(log) - start < LONGEST:  # the rest of the line is still to come
                 break
             else:
                 next_start = len(log) if end < 0 else end + 1

@@ -52,10 +52,7 @@ def triad(names: tuple[str, ...], values: FloatArray) -> dict[str, FloatArray]:
 
 
 def deviations(sd: FloatArray, names: str) -> dict[str, FloatArray]:
-    """Split standard deviations North, East, Down ``(n, 3)`` into named columns; invalid values become ``NaN``.
-
-    `names`: such as ``sd_{}_m``.
-    """
+    """Split standard deviations North, East, Down ``(n, 3)`` into columns (``sd_{}_m``); invalid values are NaN."""
     with np.errstate(invalid="ignore"):
         known = np.where((sd > 0.0) & (sd < _LONGEST_SD), sd, np.nan)
     return {names.format(axis): known[:, i] for i, axis in enumerate("ned")}

@@ -118,10 +118,7 @@ def joined(key: FloatArray, other: FloatArray, values: FloatArray) -> FloatArray
 
 
 def at_times(wanted: FloatArray, time: FloatArray, values: FloatArray) -> FloatArray:
-    """Interpolate values ``(m,)`` of one sensor at the times ``(n,)`` of another.
-
-    ``NaN`` outside the record, and in gaps of more than five intervals.
-    """
+    """Interpolate values ``(m,)`` from `time` to `wanted` ``(n,)``; NaN outside, and in gaps of over five intervals."""
     order = np.argsort(time, kind="stable")
     time, values = time[order], values[order]
     if len(time) < 2:

@@ -208,6 +208,7 @@ def _times(table: FloatArray, notes: list[Finding]) -> FloatArray:
 
 def _samples(source: Source, table: FloatArray, notes: list[Finding]) -> Table:
     columns = {"time_s": _times(table, notes)}
+    # four columns of times and status, quaternion (4), covariance (9), rates (3), covariance (9), forces (3)
     rates, forces = table[:, 8 + 9 : 8 + 9 + 3], table[:, 8 + 9 + 3 + 9 : 8 + 9 + 3 + 9 + 3]
     columns |= conventions.triad(conventions.GYRO, rates) | conventions.triad(conventions.ACCEL, forces)
     axes = conventions.up_or_down(forces[:, 2], "FLU")

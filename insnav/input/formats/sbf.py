@@ -161,6 +161,7 @@ def _samples(source: Source, blocks: list[Bytes], week: float | None, notes: _No
     for rows in blocks:
         if rows.shape[1] < head.itemsize:
             continue
+        # each block holds `n` sensors of `size` bytes after its head
         heads = as_records(rows, head)
         for size in np.unique(heads["size"]).tolist():
             for offset in (
@@ -168,14 +169,14 @@ def _samples(source: Source, blocks: list[Bytes], week: float | None, notes: _No
             ):
                 present = (heads["size"] == size) & (heads["n"] > (offset - head.itemsize) // size)
                 sensors = as_records(rows[present][:, offset:], _SENSOR)
-                for kind, found in parts.items():
+                for kind, pairs in parts.items():
                     of_kind = (sensors["type"] == kind) & (sensors["value"] > _UNKNOWN).all(axis=1)
-                    found.append((_key(heads[present][of_kind]), sensors["value"][of_kind]))
+                    pairs.append((_key(heads[present][of_kind]), sensors["value"][of_kind]))
     sorted_parts = {}
-    for kind, found in parts.items():
-        time = np.concatenate([np.empty(0), *(each[0] for each in found)])
+    for kind, pairs in parts.items():
+        time = np.concatenate([np.empty(0), *(each[0] for each in pairs)])
         order = np.argsort(time, kind="stable")
-        sorted_parts[kind] = (time[order], np.concatenate([np.empty((0, 3)), *(each[1] for each in found)])[order])
+        sorted_parts[kind] = (time[order], np.concatenate([np.empty((0, 3)), *(each[1] for each in pairs)])[order])
     (force_time, force), (time, rate) = sorted_parts[0], sorted_parts[1]
     if not len(force) or not len(rate):
         return None

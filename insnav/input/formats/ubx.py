@@ -265,8 +265,9 @@ def _measurements(messages: Messages, *, raw: bool) -> tuple[Any, Any, Any, Any]
             values = words[:, 2:]
             present = np.arange(values.shape[1]) < count[:, None]
             tags = np.broadcast_to(words[:, :1], values.shape)
-        number = values & 0xFFFFFF
-        signed = number - ((number >> 23) << 24)
+        # a word holds the signed value in 24 bits, and the type of the sensor above
+        unsigned = values & 0xFFFFFF
+        signed = unsigned - ((unsigned >> 23) << 24)
         places = np.broadcast_to(positions[:, None], values.shape)
         parts.append((tags[present], signed[present], (values >> 24 & (255 if raw else 63))[present], places[present]))
     if not parts:
@@ -279,16 +280,16 @@ def _measurements(messages: Messages, *, raw: bool) -> tuple[Any, Any, Any, Any]
 def _sensors(tag: Any, value: Any, sensor: Any, at: Any) -> tuple[dict[str, FloatArray], FloatArray, Any]:
     """Arrange the six sensors at the time tags of the first gyro; empty if one is missing."""
     names = dict(zip((*_GYRO_TYPES, *_ACCEL_TYPES), conventions.GYRO + conventions.ACCEL, strict=True))
-    if not all((sensor == each).any() for each in names):
+    if not all((sensor == sensor_type).any() for sensor_type in names):
         return {}, np.empty(0), np.empty(0, dtype=np.int64)
     first = sensor == _GYRO_TYPES[0]
     overflows = np.concatenate(([0], np.cumsum(np.diff(tag) < -(1 << 31))))  # time tags overflow at 32 bits
     tags = np.asarray(tag + overflows * float(1 << 32), dtype=np.float64)
     wanted = tags[first]
     columns = {}
-    for each, column in names.items():
-        of_sensor = sensor == each
-        columns[column] = at_times(wanted, tags[of_sensor], value[of_sensor] * _SCALES[each])
+    for sensor_type, column in names.items():
+        of_sensor = sensor == sensor_type
+        columns[column] = at_times(wanted, tags[of_sensor], value[of_sensor] * _SCALES[sensor_type])
     of_temperature = sensor == _TEMPERATURE
     if of_temperature.any():
         columns["temperature_c"] = at_times(wanted, tags[of_temperature], value[of_temperature] * _SCALES[_TEMPERATURE])

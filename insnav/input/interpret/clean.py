@@ -239,6 +239,7 @@ def _refuse_disorder(
     back = np.flatnonzero(np.diff(time) < 0.0) + 1
     if len(back) > _BACKWARDS * len(time):
         raise InputError("columns.backwards", where=place(int(rows[back[0]])), count=len(back), rows=len(time))
+    # run of late rows after the largest backward time step, and whether the file ends with it
     worst = int(back[np.argmin(time[back] - time[back - 1])])
     length = len(time) - worst if late[worst:].all() else int(np.argmin(late[worst:]))
     tail = worst + length == len(time)

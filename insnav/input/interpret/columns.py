@@ -182,6 +182,7 @@ def understand(
         elif match is None:
             unused.append(header)
     found = dict(by_user)
+    # the column with the most reliable spelling is used; equally reliable columns are ambiguous
     for key, candidates in ranked.items():
         candidates.sort(key=lambda item: (item[0], item[1].index))
         best = candidates[0]
@@ -286,6 +287,7 @@ def require(
     if not missing:
         return
     headers, where = table.headers, table.name
+    # a needed column with an unknown unit is the reason, if there is one
     for named, unit in zip(headers, table.units or [""] * len(headers), strict=False):
         try:
             match_header(named, missing, unit)
@@ -311,7 +313,7 @@ def require(
     split_time = {"hour", "minute"} <= {compact(each).removesuffix("s") for each in unused}
     if split_time and "time" in {q.key for q in missing}:
         raise InputError("columns.time_in_parts", where=where, **listed)
-    similar = {}
+    similar = {}  # header with a similar name, by key
     for quantity in missing:
         if (header := suggest(quantity, candidates)) is not None:
             candidates.remove(header)

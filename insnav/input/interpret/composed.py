@@ -102,10 +102,10 @@ def _vectors(table: Table) -> Table:
     """Name all three axes if only the first header names the sensor: ``Gyroscope (z,x,y) [rad/s],1,2``."""
     headers = list(table.headers)
     for i, first in enumerate(map(_VECTOR.fullmatch, table.headers)):
-        others = [header.strip("()") for header in table.headers[i + 1 : i + 3]]
+        next_headers = [header.strip("()") for header in table.headers[i + 1 : i + 3]]
         axes = ((first and first["axes"]) or "x,y,z").split(",")
-        axes = [*axes, *others] if len(axes) == 1 else axes
-        if first is not None and {*axes} == {*"xyz"} and (others == ["1", "2"] or others == axes[1:]):
+        axes = [*axes, *next_headers] if len(axes) == 1 else axes
+        if first is not None and {*axes} == {*"xyz"} and (next_headers == ["1", "2"] or next_headers == axes[1:]):
             headers[i : i + 3] = [f"{first['name']} {axis} {first['unit']}" for axis in axes]
     dates = [i for i, header in enumerate(headers) if compact(header) == "date"]
     if dates and not any(map(_is_time, headers)):
@@ -178,8 +178,8 @@ def _timed(table: Table, words: Sequence[str]) -> Table:
     for i, word in enumerate(words):
         if (named := _OF_TIME.fullmatch(word)) is not None:
             indices.setdefault({"min": "minute", "sec": "second"}.get(named[2], named[2]), i)
-    others = [i for i, word in enumerate(words) if not _OF_TIME.fullmatch(word) and _is_time(table.headers[i])]
-    if not others and indices.keys() >= {*_DATE, *_CLOCK}:
+    time_columns = [i for i, word in enumerate(words) if not _OF_TIME.fullmatch(word) and _is_time(table.headers[i])]
+    if not time_columns and indices.keys() >= {*_DATE, *_CLOCK}:  # year to second in six columns
         names = [*_DATE, *_CLOCK, *[_NANO] * (_NANO in indices)]
         parts = [indices[name] for name in names]
         values = _first(table, parts)
@@ -198,7 +198,7 @@ def _timed(table: Table, words: Sequence[str]) -> Table:
         seconds_at, fraction, size = pair
         note = Finding.of(Code.TIME_TWO_COLUMNS, columns=(table.headers[seconds_at], table.headers[fraction]))
         return _added(table, [seconds_at, fraction], ["time_s"], lambda s, n: (s + size * n)[:, None], note)
-    if not others and _TICKS in words and (values := _first(table, [words.index(_TICKS)])):
+    if not time_columns and _TICKS in words and (values := _first(table, [words.index(_TICKS)])):
         tick = _TICK if float(np.median(np.abs(np.diff(values[0])))) < _LONGEST_STEP else _SHORT_TICK
         note = Finding.of(Code.TIME_FROM_TICKS, column=table.headers[words.index(_TICKS)], tick_s=tick)
         counted = [words.index(_TICKS)]
@@ -411,10 +411,7 @@ def _deviations(raw: dict[str, FloatArray], found: Mapping[str, Found]) -> list[
 
 
 def undulation(lat: FloatArray, lon: FloatArray) -> tuple[FloatArray, str] | None:
-    """Return heights of the geoid above the ellipsoid [m], and the grid of PROJ; None without pyproj or a grid.
-
-    `lat`, `lon` (n,): [rad].
-    """
+    """Return geoid heights ``(n,)`` [m] at `lat`, `lon` [rad], and the PROJ grid; None without pyproj or a grid."""
     with suppress(ImportError):
         from pyproj import Transformer
         from pyproj.exceptions import ProjError

@@ -18,7 +18,7 @@ _MIN_SHARE = 0.5  # share of the shorter recording that must overlap with a like
 
 
 def check_overlap(imu: ImuData, gps: GpsData) -> None:
-    """Refuse files without common time, with the likely clock offset. Raises: InputError: no fix lies within the samples."""
+    """Refuse files without common time, with a likely clock offset. Raises: InputError: no fix within the samples."""
     first, last = float(imu.time[0]), float(imu.time[-1])
     if np.any((gps.time >= first) & (gps.time <= last)):
         return

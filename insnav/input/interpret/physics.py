@@ -157,6 +157,7 @@ def find_accel_unit(
                 return unit, Finding.of(Code.UNITS_ACCEL, gravity_m_s2=gravity, unit=unit)
             values = {"error": error, "limit": _GRAVITY_TOLERANCE, "gravity_m_s2": gravity}
             return unit, Finding.of(Code.UNITS_ACCEL_UNCALIBRATED, **values, unit=unit)
+    # No unit fits. With the other sample type (increments or rates), gravity may appear.
     other_type = norms * interval if increments else norms / interval
     sizes = (ALL_UNITS[unit][1] for unit in (_ACCEL_UNITS if increments else _DVEL_UNITS))
     if any(np.mean(np.abs(other_type * size / _GRAVITY - 1.0) < _GRAVITY_TOLERANCE) > _MIN_SHARE for size in sizes):

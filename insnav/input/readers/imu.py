@@ -339,6 +339,7 @@ def _choose(
     as_increments = increments or (some_increments and not some_rates)
     if some and "time" in found and (some_rates or some_increments):
         return as_increments
+    # for the error about missing columns: columns identified by values, or the apparent content of the file
     wanted = _ANGLES + _VELOCITIES if as_increments else _RATES + _FORCES
     hint, gives = "", None
     by_values = {} if {"time", *wanted} <= found.keys() else imu_columns(table)

@@ -112,6 +112,7 @@ def read_rows(
     day = columns.pop("date", None)
     evidence: Finding | None = None
     unit, week = "s", table.week
+    # time in text, in digits of a clock (hhmmss), or in numbers with a unit
     if "time" in forms:
         evidence, week = forms["time"].note, forms["time"].week
         if forms["time"].form == "time of day" and day is not None and "date" in forms:
