@@ -127,7 +127,7 @@ class TextColumns:
     cut: Finding | None  # reason for dropping the last row, if dropped
 
     def named(self, wanted: Mapping[str, str]) -> dict[str, FloatArray]:
-        """Rename columns, if present, ignoring the case of their headers."""
+        """Return columns under new names (`wanted`: name to header), ignoring case; missing columns are omitted."""
         return {key: self.columns[h.lower()] for key, h in wanted.items() if h.lower() in self.columns}
 
 

@@ -35,7 +35,7 @@ _KNOT = 1852.0 / 3600.0
 _HALF_DAY = 43_200.0
 # GGA quality -> fix type (1 fixed, 2 float, 4 DGPS, 5 single, 0 none); 6 (dead reckoning), 7, 8 (no receiver): none
 _QUALITY = {1: 5.0, 2: 4.0, 3: 5.0, 4: 1.0, 5: 2.0, 9: 4.0}
-_MODES = {"A": 5.0, "D": 4.0, "P": 5.0, "R": 1.0, "F": 2.0}  # in GNS and RMC
+_MODES = {"A": 5.0, "D": 4.0, "P": 5.0, "R": 1.0, "F": 2.0}  # mode in GNS and RMC -> fix type
 _COLUMNS = ("lat_deg", "lon_deg", "alt", "separation", "fix", "speed_m_s", "course_deg")
 _SEEN = ("satellites", 7), ("dop", 8), ("alt", 9)  # key -> index of its word in GGA and GNS
 _OTHERS = ("sd_n_m", "sd_e_m", "sd_d_m", "heading_deg", "satellites", "dop")
@@ -43,7 +43,7 @@ _OTHERS = ("sd_n_m", "sd_e_m", "sd_d_m", "heading_deg", "satellites", "dop")
 
 def recognise(source: Source) -> bool:
     first = source.head.split(b"\n", 1)[0].decode("latin-1")
-    in_table = any(is_header(first, schema) for schema in (IMU_SCHEMA, GPS_SCHEMA))  # a table may contain sentences
+    in_table = any(is_header(first, schema) for schema in (IMU_SCHEMA, GPS_SCHEMA))  # a table may hold sentences
     return _ANY.search(source.head) is not None and not in_table
 
 
@@ -109,7 +109,7 @@ class _Log:
         epoch["fix"] = _QUALITY.get(int(_number(words[6], 0.0)), 0.0)
 
     def _gns(self, epoch: dict[str, float], words: list[str]) -> None:
-        if "fix" not in epoch:  # GGA is more detailed
+        if "fix" not in epoch:  # a GGA of the same epoch has more detail
             epoch |= _place(words[2:6])
             epoch |= {key: _number(words[at]) for key, at in (*_SEEN, ("separation", 10))}
             epoch["fix"] = max((_MODES.get(mode, 0.0) for mode in words[6]), default=0.0)
@@ -202,7 +202,7 @@ def _velocity(knots: float, course: float) -> dict[str, float]:
 def _height(altitude: FloatArray, separation: FloatArray) -> tuple[dict[str, FloatArray], Finding | None]:
     """Build the height column, ellipsoidal if the geoid separation is known."""
     known = np.isfinite(separation)
-    if not np.isfinite(altitude).any():  # only RMC sentences
+    if not np.isfinite(altitude).any():  # only RMC sentences, which have no altitude
         return {}, None
     if known.any() and (separation[known] != 0.0).any():
         filled = np.where(known, separation, np.median(separation[known]))

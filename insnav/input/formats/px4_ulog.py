@@ -153,13 +153,13 @@ def _layout(fields: str) -> np.dtype[Any] | None:
 
 def _fixes(source: Source, data: Mapping[str, FloatArray], notes: list[Finding]) -> Table:
     columns = {"time_s": 1e-6 * data.get("timestamp_sample", data["timestamp"])}
-    if not (columns["time_s"] > 0.0).all():  # zero in early drivers
+    if not (columns["time_s"] > 0.0).all():  # early drivers leave timestamp_sample zero
         columns["time_s"] = 1e-6 * data["timestamp"]
     for key, names in _PLACE.items():
         values = next((factor * data[name] for name, factor in names if name in data), None)
         if values is not None:
             columns[key] = values
-    if "height_m" in columns and not columns["height_m"].any():  # zero in some drivers
+    if "height_m" in columns and not columns["height_m"].any():  # some drivers leave the ellipsoidal height zero
         del columns["height_m"]
     elif "height_m" in columns:
         columns.pop("height_msl_m", None)

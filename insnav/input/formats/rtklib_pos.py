@@ -141,7 +141,7 @@ def _degrees(data: Mapping[str, FloatArray], column: str) -> FloatArray:
     if f"{column} minute" not in data:
         return value
     part = data[f"{column} minute"] / 60.0 + data[f"{column} second"] / 3600.0
-    return value + np.copysign(part, value)  # also for -0 degrees
+    return value + np.copysign(part, value)  # -0 degrees are negative, too
 
 
 def _earth_fixed(
@@ -176,7 +176,7 @@ def _deviations(
         covariance = sd[:, :, None] ** 2 * np.eye(3)
         for i, j in ((0, 1), (1, 2), (2, 0)):
             cross = data.get(column.format(axes[i] + axes[j]))
-            if cross is None:  # covariances are needed for the rotation
+            if cross is None:  # without covariances, the standard deviations cannot be rotated
                 return {}
             covariance[:, i, j] = covariance[:, j, i] = np.sign(cross) * cross**2
         variance: FloatArray = np.einsum("nij,njk,nik->ni", turn, covariance, turn)

@@ -102,7 +102,7 @@ def _stem(path: str) -> str:
 
 
 def _paths(source: Source) -> dict[str, str]:
-    """Find the best file of each kind by name."""
+    """Find the best file of each kind of data by its name."""
     candidates = sorted(path for path in source.members if path.lower().endswith((".csv", ".txt", ".mat")))
     best: dict[str, str] = {}
     for kind, patterns in _KINDS.items():
@@ -118,7 +118,7 @@ def _open(source: Source, path: str, kind: str) -> _File:
     file = source.members[path]()
     table = composed(delimited_text.read(file)[""])
     known = _NATIVE in table.headers  # Sensor Logger defines the units
-    headers = ("time", *"xyz") if table.headers == ("1", "2", "3", "4") else table.headers  # files of imu_tk
+    headers = ("time", *"xyz") if table.headers == ("1", "2", "3", "4") else table.headers  # imu_tk
     headers = tuple(_named(header, kind, known) for header in headers) if kind in _PLAIN else table.headers
     table = replace(table, headers=headers, format=name)
     found, _ = understand(headers, table.units, IMU_SCHEMA, where=file.name)

@@ -181,7 +181,7 @@ def _source(name: str, raw: bytes | mmap.mmap, path: Path | None = None, depth: 
         raise InputError("format.nested_archives", where=name, limit_count=MAX_DEPTH)
     if len(raw) == 0:
         raise InputError("format.empty", where=name)
-    if not raw[:HEAD_BYTES].strip(b"\0"):  # first: a sparse file of zeros may have any size
+    if not raw[:HEAD_BYTES].strip(b"\0"):  # before reading on: a sparse file of zeros may have any size
         raise InputError("format.begins_with_zeros", where=name)
     digest = hashlib.sha256()
     for start in range(0, len(raw), _PIECE):
@@ -288,7 +288,7 @@ def _without_zeros(raw: bytes | mmap.mmap) -> tuple[bytes | mmap.mmap, int]:
     if raw[-1:] != b"\0":
         return raw, 0
     end = len(raw)
-    while end > 0:  # in pieces: such a file may be large and mostly zeros
+    while end > 0:  # in pieces, since a file that ends with zeros may be large
         start = max(0, end - _PIECE)
         kept = len(raw[start:end].rstrip(b"\0"))
         end = start + kept

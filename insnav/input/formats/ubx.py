@@ -57,9 +57,9 @@ _LAYOUTS: dict[str, tuple[int, np.dtype[Any]]] = {
 }
 _RECEPTION = ("satellites", "numSV", 1.0), ("dop", "pDOP", 0.01)
 _MEAS, _RAW = 0x0210, 0x0310
-_GYRO_TYPES, _ACCEL_TYPES, _TEMPERATURE = (14, 13, 5), (16, 17, 18), 12  # along x, y, z
+_GYRO_TYPES, _ACCEL_TYPES, _TEMPERATURE = (14, 13, 5), (16, 17, 18), 12  # types along x, y, z
 _SCALES = {**dict.fromkeys(_GYRO_TYPES, DEG / 4096.0), **dict.fromkeys(_ACCEL_TYPES, 1.0 / 1024.0), _TEMPERATURE: 0.01}
-_NO_FIX = (0, 1, 5)  # invalid, dead reckoning only, time only
+_NO_FIX = (0, 1, 5)  # fixType: invalid, dead reckoning only, time only
 _RAW_TICK = 39.0625e-6  # nominal unit of time tags in ESF-RAW [s]; fixes can correct it
 _FEW = 10  # least number of epochs that relate the sensor clock to GPS time
 _ORDER_JITTER = 0.1  # uncertainty of times from the message order [s]

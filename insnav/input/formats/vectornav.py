@@ -45,7 +45,7 @@ _INS = {
     **{f"{key}_deg": f"Att::YawPitchRoll::{key[0].upper()} [deg]" for key in ("roll", "pitch")},
     "heading_deg": "Att::YawPitchRoll::Y [deg]",
 }
-_FIXES = {2: 5.0, 3: 5.0, 4: 4.0, 7: 2.0, 8: 1.0}  # 2D, 3D, SBAS, RTK float, RTK fixed
+_FIXES = {2: 5.0, 3: 5.0, 4: 4.0, 7: 2.0, 8: 1.0}  # code of 2D, 3D, SBAS, RTK float, RTK fixed -> fix type
 
 
 def recognise(source: Source) -> bool:

@@ -22,13 +22,13 @@ from insnav.units import DEG
 
 _BRACKETS = re.compile(r"^(?P<base>[^\[\](){}]+?)\s*[\[({](?P<unit>[^\[\](){}]*)[\])}]\s*$")
 _WORDS = re.compile(r"[^\W_]+")
-_INDEXED = re.compile(r"^(?P<base>.+?)\[(?P<index>\d)\]$")  # such as gyro[0]
+_INDEXED = re.compile(r"^(?P<base>.+?)\[(?P<index>\d)\]$")  # header such as gyro[0]
 _QUATERNION = re.compile(r"q(uat(ernion)?)?[ _.]?[wxyz0-3]", re.IGNORECASE)
 _COUNTED = re.compile(r"^(?P<base>.*?[A-Za-z_ ]\[?)(?P<index>[0-3])(?P<rest>(?:[\s_\[\](].*)?)$")
 _MEANT = {  # compact header -> header with the right unit
     "verticalaccuracydeg": "vertical accuracy (m)",  # phyphox gives degrees instead of metres
     "millis": "time (ms)",
-    "timestartup": "time (ns)",  # VectorNav
+    "timestartup": "time (ns)",  # header of VectorNav
     "micros": "time (us)",
     **dict.fromkeys(("utcnano", "logmonotime"), "time (ns)"),
 }

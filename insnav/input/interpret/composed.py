@@ -322,7 +322,8 @@ def _degrees_minutes(raw: dict[str, FloatArray], found: Mapping[str, Found]) -> 
     whole = {key: np.abs(values) // 100.0 for key, values in known.items()}
     minutes = all(bool((np.abs(values) % 100.0 < 60.0).all()) for values in known.values())
     too_large = max(float(np.mean(np.abs(known["lat"]) > 90.0)), float(np.mean(np.abs(known["lon"]) > 360.0))) > _MOST
-    exchanged = max(np.abs(known["lat"]).max() / 180.0, np.abs(known["lon"]).max() / 90.0) <= 1.0  # more likely
+    # latitudes up to 180 and longitudes up to 90 are exchanged columns rather than degrees with minutes
+    exchanged = max(np.abs(known["lat"]).max() / 180.0, np.abs(known["lon"]).max() / 90.0) <= 1.0
     if not (too_large and minutes and whole["lat"].max() < 90.0 and whole["lon"].max() <= 180.0) or exchanged:
         return []
     for key, values in written.items():

@@ -28,7 +28,7 @@ def check_overlap(imu: ImuData, gps: GpsData) -> None:
     if reason and offset is None:
         raise InputError("columns.clock_unit", **spans, **reason)
     interval = float(np.median(np.diff(gps.time))) if len(gps.time) > 1 else 0.0
-    if last - first < interval:  # too short for two fixes on any clock
+    if last - first < interval:  # the IMU record is shorter than the interval of fixes
         raise InputError("columns.short_record", length_s=last - first, interval_s=interval)
     if offset is not None:
         raise InputError("columns.clock_offset", gives={"time_offset": offset}, offset_s=offset, **spans, **reason)

@@ -150,7 +150,7 @@ def find_accel_unit(
                 values = {"stated": stated, "shown": median_norm, "unit": unit}
                 raise InputError("columns.accel_unit", where=where, gives={"units": {"accel": unit}}, **values)
             gravity = float(np.median(force))
-            if abs(gravity / _GRAVITY - 1.0) > _FAR_OFF:  # a few blocks fit by chance
+            if abs(gravity / _GRAVITY - 1.0) > _FAR_OFF:  # only a few blocks fit, by chance
                 continue
             error = gravity / _GRAVITY - 1.0
             if abs(error) <= _GRAVITY_TOLERANCE:
@@ -275,7 +275,7 @@ def find_gyro_unit(
     `ratio`, `correlation`: from `turn_ratio`, in units of the file. `odd`: header of the gyro found by `odd_one`.
     Raises: InputError: the stated unit contradicts the evidence.
     """
-    usual = ("rad", "deg") if increments else ("rad/s", "deg/s", "mrad/s", "mdeg/s")  # factors of 17 or more apart
+    usual = ("rad", "deg") if increments else ("rad/s", "deg/s", "mrad/s", "mdeg/s")  # units differ by 17 times or more
     fastest = float(quiet.rate.max())
     shown, reason = None, dict[str, Any]()
     finding = Finding.of(Code.UNITS_GYRO_ASSUMED, largest=fastest, unit=usual[0], other=usual[1], factor=1.0 / DEG)

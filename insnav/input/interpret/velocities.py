@@ -191,7 +191,7 @@ def scales(time: FloatArray, lla: FloatArray, v_n: FloatArray) -> list[tuple[str
     by_velocity, by_position = integral[stop] - integral[start], ned_offset(place[stop], place[start])
     errors = []
     for name, sums, moved in zip(("north", "east", "up and down"), by_velocity.T, by_position.T, strict=True):
-        if name == "up and down" and sums.size:  # a standing receiver may report centimetres per second
+        if name == "up and down" and sums.size:  # a standing receiver may report a mean climb of centimetres per second
             sums, moved = sums - sums.mean(), moved - moved.mean()
         for _ in range(_TRIMMED):  # exclude outliers, such as false fixes
             product = float(sums @ moved)
@@ -239,11 +239,11 @@ def _climb(time: FloatArray, height: FloatArray, fallen: FloatArray) -> float:
     for span in _CLIMBS:
         start, stop = _moves(time, span, 2.0 * span)
         sums, moved = fallen[stop] - fallen[start], height[start] - height[stop]
-        apart = np.min([np.abs(moved - by * sums) for by in (1.0, _UP, _FEET)], axis=0)  # by the nearest slope
+        apart = np.min([np.abs(moved - by * sums) for by in (1.0, _UP, _FEET)], axis=0)  # residual of the nearest slope
         kept = apart <= _OUTSIDE * np.median(apart) if len(apart) else apart < 0.0
         sums, moved = sums[kept], moved[kept]
         power = float(np.sum(sums**2))
-        if len(sums) < _FEWEST or not power > len(sums) * _LEAST_CLIMB**2:  # also if a value is NaN
+        if len(sums) < _FEWEST or not power > len(sums) * _LEAST_CLIMB**2:  # NaN also skips this span
             continue
         slope = float(np.sum(moved * sums)) / power
         scatter = float(np.std(moved - slope * sums)) * np.sqrt(float(np.median(stop - start)))  # intervals overlap

@@ -86,7 +86,7 @@ def read_gps(
     reading = read_positions(path, "GPS", GPS_SCHEMA, GPS_KINDS, columns=columns, height=height)
     read = reading.data
     heading = read.columns.get("heading")
-    heading = None if heading is None or not heading.any() else heading % (2.0 * np.pi)  # only zeros: unknown
+    heading = None if heading is None or not heading.any() else heading % (2.0 * np.pi)  # all zero: unknown
     sd = (read.stacked(_STANDARD_DEVIATIONS[:3]), read.stacked(_STANDARD_DEVIATIONS[3:]))
     seen = (each if each is not None and each.any() else None for each in map(read.columns.get, ("satellites", "dop")))
     data = GpsData(read.columns["time"], read.lla, read.v_n, *sd, reading.fix, heading, *seen)
