@@ -143,7 +143,7 @@ class _Log:
         epoch["heading_deg"] = _number(words[1])
 
     def times(self) -> GpsTime:
-        """Convert the times of the epochs ``(n,)`` to seconds of a GPS week, or of a day without any date."""
+        """Convert the times of the epochs ``(n,)`` to seconds of a GPS week; without any date, to seconds of a day."""
         clock = np.array([epoch["time"] for epoch in self.epochs])
         date = np.array([epoch.get("date", np.nan) for epoch in self.epochs])
         midnights = np.concatenate(([0.0], np.cumsum(np.diff(clock) < -_HALF_DAY)))
@@ -156,7 +156,7 @@ class _Log:
         return seconds_of_week(date[dated] + midnights - midnights[dated], clock, "UTC")
 
 
-_LARGEST_DOP = 100.0  # receivers limit the DOP to 99.99 (u-blox M8 protocol, UBX-13003221, GGA)
+_LARGEST_DOP = 100.0  # receivers limit the DOP to 99.99 (u-blox M8 protocol, UBX-13003221, GGA); more is no DOP
 # least number of words of each sentence type
 _LENGTHS = {"GGA": 12, "GNS": 11, "RMC": 10, "VTG": 6, "GST": 9, "ZDA": 5, "HDT": 2}
 

@@ -133,7 +133,7 @@ def find_accel_unit(
 ) -> tuple[str, Finding]:
     """Find the unit of the accelerometers by gravity.
 
-    `quiet`: statistics in units of the file, of increments divided by the interval. `stated`: unit from header or user.
+    `quiet`: statistics in units of the file; increments divided by the interval [s]. `stated`: unit from header or user.
     Raises: InputError: the stated unit contradicts gravity, or no unit fits.
     """
     norms = np.linalg.norm(quiet.mean, axis=1)
@@ -258,7 +258,7 @@ def heading_convention(turns: float, heading: FloatArray, v_n: FloatArray) -> tu
 
 
 def odd_one(gyros: Sequence[FloatArray]) -> int | None:
-    """Find the index of a gyro whose sample changes indicate another unit than two other gyros ``(n,)``; else None."""
+    """Find the index of a gyro whose sample changes indicate another unit than the other two ``(n,)``; else None."""
     changes = [float(np.median(np.abs(np.diff(gyro[:_MAX_SAMPLES])))) for gyro in gyros]
     low, middle, high = sorted(changes)
     for odd, second, third in ((high, middle, low), (low, middle, high)):
