@@ -133,7 +133,7 @@ def find_accel_unit(
 ) -> tuple[str, Finding]:
     """Find the unit of the accelerometers by gravity.
 
-    `quiet`: statistics in units of the file; increments divided by the interval [s]. `stated`: unit from header or user.
+    `quiet`: statistics in units of the file; increments over the interval [s]. `stated`: unit from header or user.
     Raises: InputError: the stated unit contradicts gravity, or no unit fits.
     """
     norms = np.linalg.norm(quiet.mean, axis=1)
