@@ -94,7 +94,7 @@ def fix_table(
 
     `kind` (n,): code of the fix in the format, NaN for invalid rows. `types`: fix type by valid code.
     """
-    fix = np.array([types.get(int(each), 0.0) if each == each else 0.0 for each in kind], dtype=np.float64)
+    fix = np.array([types.get(int(code), 0.0) if code == code else 0.0 for code in kind], dtype=np.float64)
     kept = fix > 0.0
     valid = {key: np.asarray(column[kept], dtype=np.float64) for key, column in {**columns, "fix": fix}.items()}
     return column_table(source, valid, [*notes, without_fix(kept)], row=row, cut=cut, week=week)

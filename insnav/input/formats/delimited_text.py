@@ -73,8 +73,8 @@ class TextCells:
     def read(self, indices: Sequence[int]) -> Numbers:
         """See `insnav.input.formats.table.Cells`."""
         if self.dialect.delimiter == " ":
-            rows = (re.sub(rb"(?m)^[ \t]+|[ \t]+(?=\r?$)", b"", each) for each in self._pieces())
-            text = spill.together(re.sub(rb"[ \t]+", b";", each) for each in rows)
+            rows = (re.sub(rb"(?m)^[ \t]+|[ \t]+(?=\r?$)", b"", piece) for piece in self._pieces())
+            text = spill.together(re.sub(rb"[ \t]+", b";", piece) for piece in rows)
             return replace(self, text=text, dialect=replace(self.dialect, delimiter=";", offset=0)).read(indices)
         texts = self._texts(indices)
         plain = [i for i in indices if i not in texts]
@@ -186,7 +186,7 @@ class TextCells:
         lines = [t.decode("utf-8", "replace") for t in self.text[start:].splitlines() if t.strip()]
         rows = lines[-(_TAIL_ROWS + 1) :] if start == self.dialect.offset else lines[1:][-(_TAIL_ROWS + 1) :]
         cells = (split_line(row, self.dialect.delimiter) for row in rows)
-        widths = [len(each[last]) for each in cells if len(each) > last]
+        widths = [len(row[last]) for row in cells if len(row) > last]
         if len(widths) > 3 and 0 < widths[-1] < min(widths[:-1]):
             return self._cut(characters=widths[-1], limit_characters=min(widths[:-1]))
         return None

@@ -54,7 +54,7 @@ def recognise(source: Source) -> bool:
 
 def read(source: Source) -> Mapping[str, Table]:
     columns = {
-        kind.decode(): [each.strip() for each in names.decode("latin-1").split(",")]
+        kind.decode(): [name.strip() for name in names.decode("latin-1").split(",")]
         for kind, names in _HEADER.findall(source.head)
         or [(kind, names) for names in _MESSAGES.findall(source.head) for kind in (b"UncalAccel", b"UncalGyro")]
     }
@@ -88,9 +88,9 @@ def _sensor(
     for kind, template in kinds:
         names = columns.get(kind, [])
         wanted = [template.format(axis) for axis in "XYZ"]
-        time = next((each for each in _TIMES if each in names), "")
-        if time and all(each in names for each in wanted) and kind in lines:
-            found = np.column_stack([_numbers(lines[kind], names.index(each)) for each in (time, *wanted)])
+        time = next((name for name in _TIMES if name in names), "")
+        if time and all(name in names for name in wanted) and kind in lines:
+            found = np.column_stack([_numbers(lines[kind], names.index(name)) for name in (time, *wanted)])
             found = found[np.isfinite(found).all(axis=1)]
             if len(found):
                 return found * [1e-3, 1.0, 1.0, 1.0]
@@ -99,13 +99,13 @@ def _sensor(
 
 def _fixes(source: Source, names: list[str], rows: list[list[str]]) -> Table:
     found = {
-        key: _numbers(rows, names.index(each)) for key, spellings in _FIX.items() for each in spellings if each in names
+        key: _numbers(rows, names.index(name)) for key, spellings in _FIX.items() for name in spellings if name in names
     }
     if "time_ms" not in found:
         raise InputError("format.gnss_logger_no_time", where=source.name, columns=tuple(names))
     providers = [row[0].strip().lower() for row in rows]
-    best = next((each for each in ("gps", "flp", "fused") if each in providers), providers[0])
-    of_best = np.array([each == best for each in providers]) & np.isfinite(found["time_ms"])
+    best = next((provider for provider in ("gps", "flp", "fused") if provider in providers), providers[0])
+    of_best = np.array([provider == best for provider in providers]) & np.isfinite(found["time_ms"])
     found = {key: column[of_best] for key, column in found.items()}
     columns = {"time_s": 1e-3 * found.pop("time_ms"), **found}
     chosen = Finding.of(Code.READ_SOURCE, subject=plain_text(best), count=len(set(providers)))

@@ -73,17 +73,17 @@ def _columns(source: Source) -> tuple[dict[str, FloatArray], Finding | None]:
         raise InputError("format.explorer_no_table", where=source.name)
     delimiter = "," if b"," in header[1] else " "
     words = plain_text(header[1].decode("latin-1"))
-    names = [re.sub(r"\W", "", each).lower() for each in words.split("," if delimiter == "," else None)]
+    names = [re.sub(r"\W", "", word).lower() for word in words.split("," if delimiter == "," else None)]
     if b"D M S" in header[2]:
         if delimiter == ",":
             raise InputError("format.explorer_sexagesimal", where=source.name)
         thirds = {"latitude": ["latitude", "lat1", "lat2"], "longitude": ["longitude", "lon1", "lon2"]}
-        names = [each for word in names for each in thirds.get(word, [word])]
+        names = [name for word in names for name in thirds.get(word, [word])]
     after_table = _BEHIND.search(text, first.start())
     offset, end = first.start(), len(text) if after_table is None else after_table.start()
     dialect = Dialect(delimiter, ".", tuple(names), None, offset, text[:offset].count(b"\n") + 1)
-    places = {key: names.index(each) for key, known in _NAMES.items() for each in known if each in names}
-    minutes: dict[str, int] = {each: names.index(each) for each in ("lat1", "lat2", "lon1", "lon2") if each in names}
+    places = {key: names.index(name) for key, known in _NAMES.items() for name in known if name in names}
+    minutes: dict[str, int] = {name: names.index(name) for name in ("lat1", "lat2", "lon1", "lon2") if name in names}
     indices = sorted({*places.values(), *minutes.values()})
     numbers = TextCells(source.name, text[:end], dialect, zeros).read(indices)
     data = {key: numbers.columns[index] for key, index in places.items()}

@@ -79,16 +79,16 @@ def _documents(source: Source) -> tuple[list[Any], list[Finding]]:
 def _records(value: Any, kind: str = "", above: _Record | None = None, depth: int = 0) -> Iterator[tuple[str, _Record]]:
     """Yield the records of a document with the name of their sensor. `above`: times of the enclosing record."""
     if isinstance(value, list):
-        for each in value:
-            yield from _records(each, kind, above, depth + 1)
+        for item in value:
+            yield from _records(item, kind, above, depth + 1)
     if not isinstance(value, dict) or depth > _DEEPEST:
         return
-    times = {**(above or {}), **{key: each for key, each in value.items() if _key_of(key) == "time"}}
-    lists = [key for key, each in value.items() if isinstance(each, list) and any(isinstance(e, dict) for e in each)]
+    times = {**(above or {}), **{key: item for key, item in value.items() if _key_of(key) == "time"}}
+    lists = [key for key, item in value.items() if isinstance(item, list) and any(isinstance(e, dict) for e in item)]
     for key in lists:
         yield from _records(value[key], key, times, depth + 1)
     if len(value) > 1 and not lists:
-        inner = [key for key, each in value.items() if isinstance(each, dict)]
+        inner = [key for key, item in value.items() if isinstance(item, dict)]
         only = inner[0] if len(inner) == 1 else ""
         stated = next((text for key in _KINDS if isinstance(text := value.get(key), str) and text), only)
         yield stated or kind, _flat({**times, **{k: v for k, v in value.items() if k != only}, **value.get(only, {})})

@@ -83,7 +83,7 @@ def _fits(numbers: FloatArray, headers: tuple[str, ...]) -> bool:
         return False
     if "dtheta_x_rad" in columns:
         rates, forces = (np.array([columns[header][1:] for header in part]) / step for part in (_IMU[:3], _IMU[3:]))
-        gravity, rate = (float(np.median(np.linalg.norm(each, axis=0))) for each in (forces, rates))
+        gravity, rate = (float(np.median(np.linalg.norm(vectors, axis=0))) for vectors in (forces, rates))
         return bool(_GRAVITY[0] < gravity < _GRAVITY[1] and rate < 10.0 and np.median(step) < 0.2)
     angles = [columns[header] / (1.0 if "deg" in header else DEG) for header in headers if header[:3] in ("lat", "lon")]
     lla = np.column_stack([*angles, columns["height_m"]])

@@ -37,9 +37,9 @@ def read(source: Source) -> Mapping[str, Table]:
     folder = _folder(source)
     assert folder is not None
     stamps = source.members[f"{folder}timestamps.txt"]()
-    names = sorted(each for each in source.members if each.startswith(f"{folder}data/") and _EPOCH.match(each))
-    epochs = [source.members[each]() for each in names]
-    rows = np.array([_numbers(each) for each in epochs])
+    names = sorted(path for path in source.members if path.startswith(f"{folder}data/") and _EPOCH.match(path))
+    epochs = [source.members[path]() for path in names]
+    rows = np.array([_numbers(epoch) for epoch in epochs])
     time = _times(stamps)
     if len(time) != len(rows):
         raise InputError("format.kitti_count", where=stamps.name, times=len(time), epochs=len(rows))
@@ -60,8 +60,8 @@ def read(source: Source) -> Mapping[str, Table]:
 
 def _folder(source: Source) -> str | None:
     """Find the folder of epochs; folders of other sensors of the data set may be next to it."""
-    folders = {match["folder"] for each in source.members if (match := _EPOCH.match(each))}
-    with_times = [each for each in folders if f"{each}timestamps.txt" in source.members and "velodyne" not in each]
+    folders = {match["folder"] for path in source.members if (match := _EPOCH.match(path))}
+    with_times = [path for path in folders if f"{path}timestamps.txt" in source.members and "velodyne" not in path]
     return min(with_times, key=len) if with_times else None
 
 

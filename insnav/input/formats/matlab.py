@@ -143,11 +143,11 @@ def _version_7(source: Source) -> _Tree:
     def of(group: Any) -> _Tree:
         nonlocal size
         tree = {}
-        for key, each in group.items():
+        for key, item in group.items():
             if not key.startswith("#"):
-                size += _OBJECT + (0 if isinstance(each, h5py.Group) else each.size * each.dtype.itemsize)
+                size += _OBJECT + (0 if isinstance(item, h5py.Group) else item.size * item.dtype.itemsize)
                 refuse_bomb(source.name, "MATLAB", len(source.data), size)
-                tree[key] = of(each) if isinstance(each, h5py.Group) else np.squeeze(np.asarray(each).T)
+                tree[key] = of(item) if isinstance(item, h5py.Group) else np.squeeze(np.asarray(item).T)
         return tree
 
     with h5py.File(io.BytesIO(source.data[:]), "r") as file:
@@ -156,7 +156,7 @@ def _version_7(source: Source) -> _Tree:
 
 def _table(source: Source, key: str, value: Any) -> tuple[str, Table | None]:
     if isinstance(value, dict):
-        numbers = {each: np.asarray(v, dtype=np.float64) for each, v in value.items() if _is_numbers(v)}
+        numbers = {name: np.asarray(v, dtype=np.float64) for name, v in value.items() if _is_numbers(v)}
         return _navego(source, key, numbers) if "t" in numbers else ("", None)
     if _is_numbers(value) and np.ndim(value) == 2:
         return _psins(source, key, np.asarray(value, dtype=np.float64))
@@ -174,17 +174,17 @@ def _navego(source: Source, key: str, data: Mapping[str, FloatArray]) -> tuple[s
     if {"wb", "fb"} <= set(data) and data["wb"].shape == data["fb"].shape == (n, 3):
         columns = {"time_s": time, **triad(GYRO, data["wb"]), **triad(ACCEL, data["fb"])}
         return "imu", column_table(source, columns, note, axes="FRD")
-    if not {"lat", "lon", "h"} <= set(data) or any(data[each].shape != (n,) for each in ("lat", "lon", "h")):
+    if not {"lat", "lon", "h"} <= set(data) or any(data[name].shape != (n,) for name in ("lat", "lon", "h")):
         return "", None
-    place = np.column_stack([data[each] for each in ("lat", "lon", "h")]) / [DEG, DEG, 1.0]
+    place = np.column_stack([data[name] for name in ("lat", "lon", "h")]) / [DEG, DEG, 1.0]
     columns = {"time_s": time, **triad(PLACE, place)}
     if data.get("vel", np.empty(0)).shape == (n, 3):
         columns |= triad(VELOCITY, data["vel"])
     for name, header in (("stdm", "sd_{}_m"), ("stdv", "sd_v{}_m_s")):
         if data.get(name, np.empty(0)).shape == (3,):
             columns |= deviations(np.tile(np.abs(data[name]), (n, 1)), header)
-    attitude = [data.get(each, np.empty(0)) for each in ("roll", "pitch", "yaw")]
-    if all(each.shape == (n,) for each in attitude):
+    attitude = [data.get(name, np.empty(0)) for name in ("roll", "pitch", "yaw")]
+    if all(column.shape == (n,) for column in attitude):
         columns |= triad(ATTITUDE, np.column_stack(attitude) / DEG)
         return "reference", column_table(source, columns, note)
     return "gps", column_table(source, columns, note)

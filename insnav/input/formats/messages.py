@@ -75,7 +75,7 @@ class Framing:
         sizes = self._word(np.frombuffer(head + bytes(8), dtype=np.uint8), at, self.size) + self.around
         good = (sizes >= self.least) & (at + sizes <= len(head))
         messages = (gathered(head, at[i : i + 1], int(sizes[i])) for i in np.flatnonzero(good))
-        return any(bool(self.sound(each)[0]) for each in messages)
+        return any(bool(self.sound(message)[0]) for message in messages)
 
     def find(self, data: bytes | mmap.mmap, numbers: Collection[int]) -> dict[int, Messages]:
         """Find the valid messages of the given numbers, and count damaged ones, by message number."""

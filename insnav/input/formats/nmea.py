@@ -132,7 +132,7 @@ class _Log:
 
     def _gst(self, epoch: dict[str, float], words: list[str]) -> None:
         sd = (_number(word) for word in words[6:9])
-        epoch |= {key: each if each > 0.0 else np.nan for key, each in zip(_OTHERS, sd, strict=False)}
+        epoch |= {key: value if value > 0.0 else np.nan for key, value in zip(_OTHERS, sd, strict=False)}
 
     def _zda(self, epoch: dict[str, float], words: list[str]) -> None:
         day, month, year = (int(_number(word, 0.0)) for word in words[2:5])

@@ -129,7 +129,7 @@ def read(source: Source) -> Mapping[str, Table]:
     if corrected and not any(key.startswith("imu") for key in tables):
         note = Finding.of(Code.READ_IMU_CORRECTED, messages=tuple(corrected))
         unusable = tuple(corrected)
-        tables = {key: replace(each, notes=(*each.notes, note), unusable=unusable) for key, each in tables.items()}
+        tables = {key: replace(table, notes=(*table.notes, note), unusable=unusable) for key, table in tables.items()}
     if not tables:
         raise InputError("format.novatel_no_data", where=source.name, unusable=tuple(corrected), damaged_count=damaged)
     return {key: replace(table, week=week) for key, table in tables.items()}
@@ -225,7 +225,7 @@ def _fixes(source: Source, position: Any, velocity: Any, notes: list[Finding]) -
     if len(v_time):
         velocities = of_course(v_rows["speed"], v_rows["course"], -v_rows["up"])
         # times rounded to milliseconds, to join the velocity and the position of an epoch
-        columns |= {key: joined(np.round(time, 3), np.round(v_time, 3), each) for key, each in velocities.items()}
+        columns |= {key: joined(np.round(time, 3), np.round(v_time, 3), values) for key, values in velocities.items()}
         latency = float(np.median(v_rows["latency"]))
         if latency > 0.0:
             notes = [*notes, Finding.of(Code.READ_VELOCITY_LATENCY, latency_s=latency)]
@@ -258,22 +258,22 @@ def _samples(source: Source, log: Any, name: str, notes: list[Finding]) -> dict[
     stated = "type" in (rows.dtype.names or ())
     if stated:
         types, per_second = np.unique(rows["type"]).tolist(), np.nan
-        scales = [_SCALES[each] for each in types if each in _SCALES]
+        scales = [_SCALES[kind] for kind in types if kind in _SCALES]
     else:  # gravity determines the scale of velocity increments, its rotation the scale of angle increments
         types, span = [], float(np.ptp(time)) if len(time) > 1 else 0.0
         per_second = np.linalg.norm(counts[1:, 3:], axis=1).sum() / span if span > 0.0 else np.nan
-        scales = [each for each in _SCALES.values() if abs(per_second * each[2] / _GRAVITY - 1.0) < _TOLERANCE]
+        scales = [scale for scale in _SCALES.values() if abs(per_second * scale[2] / _GRAVITY - 1.0) < _TOLERANCE]
         step = float(np.median(np.diff(time))) if scales else 0.0
-        turned = turn_ratio(time, counts[:, :3], counts[:, 3:])[0] * step if scales else 0.0
-        scales = [each for each in scales if not turned or 1.0 < MAX_TURN_RATIO * turned / each[1] < MAX_TURN_RATIO**2]
+        turn = turn_ratio(time, counts[:, :3], counts[:, 3:])[0] * step if scales else 0.0
+        scales = [scale for scale in scales if not turn or 1.0 < MAX_TURN_RATIO * turn / scale[1] < MAX_TURN_RATIO**2]
     if not scales or len(types) > 1:
-        rate, known = float(per_second), tuple(f"{key} {each[0]}" for key, each in _SCALES.items())
+        rate, known = float(per_second), tuple(f"{key} {scale[0]}" for key, scale in _SCALES.items())
         raise InputError(
             "format.novatel_scale", where=source.name, message=name, types=tuple(types), counts_per_s=rate, known=known
         )
     tables = {}
-    for angle, speed in dict.fromkeys(each[1:] for each in scales):
-        models = ", ".join(each[0] for each in scales if each[1:] == (angle, speed))
+    for angle, speed in dict.fromkeys(scale[1:] for scale in scales):
+        models = ", ".join(scale[0] for scale in scales if scale[1:] == (angle, speed))
         columns = {"time_s": time, **triad(DTHETA, counts[:, :3] * angle), **triad(DVEL, counts[:, 3:] * speed)}
         note = Finding.of(Code.READ_IMU_MODEL, subject=name, model=models)
         if not stated:
@@ -282,4 +282,4 @@ def _samples(source: Source, log: Any, name: str, notes: list[Finding]) -> dict[
             values: dict[str, Any] = {"model": models, "others": tuple(others.values()), "ratios": tuple(others)}
             note = Finding.of(Code.READ_IMU_MODEL_BY_GRAVITY, subject=name, noise_rad_sqrt_s=noise, **values)
         tables[models] = column_table(source, columns, [note, *notes], row=name, axes="RFU")
-    return {"imu" if len(tables) == 1 else f"imu:{key.partition(', ')[0]}": each for key, each in tables.items()}
+    return {"imu" if len(tables) == 1 else f"imu:{key.partition(', ')[0]}": table for key, table in tables.items()}

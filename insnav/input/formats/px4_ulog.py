@@ -64,7 +64,7 @@ def read(source: Source) -> Mapping[str, Table]:
         columns = {key: data[field] * (1e-6 if key == "time_s" else 1.0) for key, field in _SAMPLES.items()}
         tables["imu"] = column_table(source, columns, notes, row="sensor_combined", axes="FRD")
     receivers = [(topic, number) for topic in _GPS for name, number in sorted(fields) if name == topic]
-    receivers = [each for each in receivers if all(key in fields[each] for key in _NEEDED)]
+    receivers = [entry for entry in receivers if all(key in fields[entry] for key in _NEEDED)]
     if receivers:
         if receivers[1:]:
             topic, number = receivers[0]
@@ -119,9 +119,9 @@ class _Log:
 
     def topics(self) -> list[tuple[tuple[str, int], np.dtype[Any]]]:
         """Return the supported topics with their layouts."""
-        wanted = [each for each in self.subscribed.values() if each[0] in ("sensor_combined", *_GPS)]
-        layouts = [(each, _layout(self.formats.get(each[0], ""))) for each in wanted]
-        return [(each, layout) for each, layout in layouts if layout is not None]
+        wanted = [topic for topic in self.subscribed.values() if topic[0] in ("sensor_combined", *_GPS)]
+        layouts = [(topic, _layout(self.formats.get(topic[0], ""))) for topic in wanted]
+        return [(topic, layout) for topic, layout in layouts if layout is not None]
 
     def columns(self, data: bytes | mmap.mmap, topic: tuple[str, int], layout: np.dtype[Any]) -> dict[str, FloatArray]:
         """Read the numeric fields of a topic by name, (n,)."""
@@ -137,8 +137,8 @@ class _Log:
 def _layout(fields: str) -> np.dtype[Any] | None:
     """Build the layout of a message, without trailing padding; None if nested or damaged."""
     parts: list[tuple[str, str]] = []
-    for each in filter(None, fields.split(";")):
-        kind, _, name = each.partition(" ")
+    for part in filter(None, fields.split(";")):
+        kind, _, name = part.partition(" ")
         match = re.fullmatch(r"(\w+?)(?:\[(\d{1,4})\])?", kind)
         if match is None or match[1] not in _TYPES:
             return None
@@ -146,7 +146,7 @@ def _layout(fields: str) -> np.dtype[Any] | None:
             continue
         count = match[2]
         names = [name] if count is None else [f"{name}[{i}]" for i in range(int(count))]
-        parts += [(each, _TYPES[match[1]]) for each in names]
+        parts += [(name, _TYPES[match[1]]) for name in names]
     unique = len({name for name, _ in parts}) == len(parts)
     return np.dtype(parts) if parts and unique and all(name for name, _ in parts) else None
 

@@ -70,7 +70,7 @@ def open_tables(path: str | Path) -> Mapping[str, Table]:
 
 def tables_of(source: Source) -> Mapping[str, Table]:
     """Read the tables of an opened file."""
-    chosen = next((each for each in formats() if each.recognise(source)), None)
+    chosen = next((module for module in formats() if module.recognise(source)), None)
     if chosen is None:
         if SHEETS & source.members.keys():
             raise InputError("format.other_data", where=source.name, kind="a spreadsheet")
@@ -79,7 +79,7 @@ def tables_of(source: Source) -> Mapping[str, Table]:
         raise refusal(source.head, source.name, suffixes())
     try:
         tables = chosen.read(source)
-        return {part: composed(replace(each, format=each.format or chosen.name)) for part, each in tables.items()}
+        return {part: composed(replace(table, format=table.format or chosen.name)) for part, table in tables.items()}
     except ImportError as error:
         extra = getattr(chosen, "extra", "")
         if not extra:
@@ -126,7 +126,7 @@ def choose_table(tables: Mapping[str, Table], part: str, topics: Collection[str]
 
 def suffixes() -> tuple[str, ...]:
     """List the usual endings of supported files, without compression."""
-    return tuple(sorted(suffix for each in formats() for suffix in getattr(each, "suffixes", ())))
+    return tuple(sorted(suffix for module in formats() for suffix in getattr(module, "suffixes", ())))
 
 
 def _folder(folder: Source) -> InputError:

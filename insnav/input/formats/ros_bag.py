@@ -106,7 +106,7 @@ def read(source: Source) -> Mapping[str, Table]:
             for connection, time, raw in reader.messages(connections=wanted) if wanted else ():
                 topics[connection.topic].add(time, bytes(raw))
     if source.members:
-        whole = [source.members[each]() for each in _bags(source)]
+        whole = [source.members[path]() for path in _bags(source)]
         source = Source(source.name, digest_of(whole))
     topics = {key: topic for key, topic in topics.items() if topic.blocks or topic.pending}
     tables: dict[str, Table] = {}
@@ -126,7 +126,7 @@ def read(source: Source) -> Mapping[str, Table]:
             reference, note = _laid_on(source, topic.table(), fixes, plain_text(key))
             if reference is not None:
                 tables[f"reference:{plain_text(key)}"] = reference
-            tables = {part: replace(each, notes=(*each.notes, note)) for part, each in tables.items()}
+            tables = {part: replace(table, notes=(*table.notes, note)) for part, table in tables.items()}
     if not tables:
         found = tuple(map(plain_text, sorted(others)[:12]))
         raise InputError("format.bag_no_data", where=source.name, found=found)
@@ -140,7 +140,7 @@ def _suffix(source: Source) -> str:
 
 def _bags(source: Source) -> list[str]:
     """List the bags in a folder and its direct subfolders."""
-    return [each for each in source.members if PurePosixPath(each).suffix in suffixes and each.count("/") < 2]
+    return [path for path in source.members if PurePosixPath(path).suffix in suffixes and path.count("/") < 2]
 
 
 def _readers(source: Source) -> Iterator[tuple[Any, bool]]:
@@ -151,7 +151,7 @@ def _readers(source: Source) -> Iterator[tuple[Any, bool]]:
         place = stack.enter_context(on_disk(source, _suffix(source)))
         paths: list[Path] = [place]
         if source.members:
-            described = [place / each for each in source.members if PurePosixPath(each).name == "metadata.yaml"]
+            described = [place / member for member in source.members if PurePosixPath(member).name == "metadata.yaml"]
             paths = [each.parent for each in described] or [place / each for each in _bags(source)]
         for path in paths:
             ros2 = path.is_dir() or path.suffix != ".bag"
@@ -195,7 +195,7 @@ def _behind_text(
         if at + 4 > data.shape[1]:
             continue
         lengths = np.ascontiguousarray(data[rows, at : at + 4]).view("<u4")[:, 0].astype(np.int64)
-        result += [(rows[lengths == each], at + 4 + each) for each in np.unique(lengths).tolist()]
+        result += [(rows[lengths == length], at + 4 + length) for length in np.unique(lengths).tolist()]
     return result
 
 

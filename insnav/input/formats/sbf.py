@@ -65,7 +65,7 @@ def recognise(source: Source) -> bool:
 def read(source: Source) -> Mapping[str, Table]:
     messages = _FRAMING.find(source.data, [*(number for number, _ in _BLOCKS.values()), _SENSORS])
     blocks = {key: messages[number].records(each)[0] for key, (number, each) in _BLOCKS.items()}
-    damaged = sum(each.damaged for each in messages.values())
+    damaged = sum(kind.damaged for kind in messages.values())
     notes = [Finding.of(Code.READ_ROWS_DAMAGED, subject="SBF", count=damaged)] if damaged else []
     tables: dict[str, Table] = {}
     if len(blocks["geodetic"]):
@@ -97,8 +97,8 @@ def _key(rows: _Rows) -> FloatArray:
 
 def _good(rows: _Rows, fields: tuple[str, ...]) -> NDArray[np.bool_]:
     good = (rows["error"] == 0) & (rows["week"] < 65_535)
-    for each in fields:
-        good &= rows[each] > _UNKNOWN
+    for field in fields:
+        good &= rows[field] > _UNKNOWN
     return np.asarray(good)
 
 
@@ -131,7 +131,7 @@ def _geodetic(source: Source, blocks: Mapping[str, _Rows], notes: _Notes) -> Tab
     for kind, names in (("position", "sd_{}_m"), ("velocity", "sd_v{}_m_s")):
         block = blocks[f"geodetic {kind}"]
         if len(block):
-            variance = np.column_stack([block[each] for each in ("nn", "ee", "uu")]).astype(np.float64)
+            variance = np.column_stack([block[axes] for axes in ("nn", "ee", "uu")]).astype(np.float64)
             columns |= deviations(joined(_key(rows), _key(block), np.sqrt(np.maximum(variance, 0.0))), names)
     return _table(source, rows, columns, _good(rows, ("lat", "lon", "height")), notes, "PVTGeodetic")
 
@@ -174,9 +174,9 @@ def _samples(source: Source, blocks: list[Bytes], week: float | None, notes: _No
                     pairs.append((_key(heads[present][of_kind]), sensors["value"][of_kind]))
     sorted_parts = {}
     for kind, pairs in parts.items():
-        time = np.concatenate([np.empty(0), *(each[0] for each in pairs)])
+        time = np.concatenate([np.empty(0), *(pair[0] for pair in pairs)])
         order = np.argsort(time, kind="stable")
-        sorted_parts[kind] = (time[order], np.concatenate([np.empty((0, 3)), *(each[1] for each in pairs)])[order])
+        sorted_parts[kind] = (time[order], np.concatenate([np.empty((0, 3)), *(pair[1] for pair in pairs)])[order])
     (force_time, force), (time, rate) = sorted_parts[0], sorted_parts[1]
     if not len(force) or not len(rate):
         return None

@@ -88,7 +88,7 @@ def read(source: Source) -> Mapping[str, Table]:
     force = files.get("accel", files.get("linear"))
     if force is not None and "gyro" in files:
         gravity = files["gravity"] if "accel" not in files else None
-        used = [_with_times(each, times) for each in (files["gyro"], force, gravity) if each is not None]
+        used = [_with_times(file, times) for file in (files["gyro"], force, gravity) if file is not None]
         tables["imu"] = _samples(source, *used)
     if not tables:
         names = plain_text(", ".join(sorted(source.members)))[:200]
@@ -126,7 +126,7 @@ def _open(source: Source, path: str, kind: str) -> _File:
     present = {key: found[key] for key in wanted if key in found}
     if kind in _PLAIN and len(present) < 3 + ("time" in present):
         raise InputError("format.phone_no_axes", where=file.name, columns=table.headers)
-    return _File(file, table, present, table.cells.read([each.index for each in present.values()]))
+    return _File(file, table, present, table.cells.read([column.index for column in present.values()]))
 
 
 def _named(header: str, kind: str, known: bool) -> str:
@@ -143,7 +143,7 @@ def _with_times(file: _File, times: Sequence[_File]) -> _File:
         return file
     table, stem = file.table, _stem(file.source.name)
     numbers = table.cells.read(range(len(table.headers)))
-    equal_length = [each for each in times if each.numbers.n_rows == numbers.n_rows]
+    equal_length = [file for file in times if file.numbers.n_rows == numbers.n_rows]
     if not equal_length:
         raise InputError("format.phone_no_time", where=file.source.name, columns=table.headers)
     clock = max(equal_length, key=lambda each: stem.startswith("gps") == _stem(each.source.name).startswith("gps"))
@@ -151,7 +151,7 @@ def _with_times(file: _File, times: Sequence[_File]) -> _File:
     time = Found(clock.found["time"].quantity, len(table.headers), clock.found["time"].header, clock.found["time"].unit)
     table = replace(table, headers=(*table.headers, time.header), cells=ArrayCells(columns, table.cells.line))
     found = {**file.found, "time": time}
-    return _File(file.source, table, found, table.cells.read([each.index for each in found.values()]))
+    return _File(file.source, table, found, table.cells.read([column.index for column in found.values()]))
 
 
 def _samples(source: Source, gyro: _File, force: _File, *gravity: _File) -> Table:
@@ -159,10 +159,10 @@ def _samples(source: Source, gyro: _File, force: _File, *gravity: _File) -> Tabl
     time, files = gyro.column("time"), (gyro, force, *gravity)
     keys = [f"{sensor}_{axis}" for sensor in ("gyro", "accel") for axis in "xyz"]
     forces = np.sum(
-        [[at_times(time, each.column("time"), each.column(k)) for k in keys[3:]] for each in files[1:]], axis=0
+        [[at_times(time, file.column("time"), file.column(k)) for k in keys[3:]] for file in files[1:]], axis=0
     )
     inside = np.isfinite(np.sum(forces, axis=0))
-    columns = [each[inside] for each in (time, *map(gyro.column, keys[:3]), *forces)]
+    columns = [values[inside] for values in (time, *map(gyro.column, keys[:3]), *forces)]
     headers = (gyro.found["time"].header, *(gyro.found[key].header for key in keys[:3]))
     headers += tuple(force.found[key].header for key in keys[3:])
     notes = [*gyro.table.notes, Finding.of(Code.READ_IMU_INTERPOLATED)]
@@ -171,7 +171,7 @@ def _samples(source: Source, gyro: _File, force: _File, *gravity: _File) -> Tabl
     cells = ArrayCells(tuple(columns), lambda row: f"row {row + 1}", gyro.numbers.cut or force.numbers.cut)
     return Table(
         source.name,
-        digest_of([each.source for each in files]),
+        digest_of([file.source for file in files]),
         headers,
         cells,
         notes=tuple(notes),

@@ -56,7 +56,7 @@ def unpacked(raw: bytes | mmap.mmap, name: str) -> bytes | mmap.mmap:
 
     Raises: InputError: it is damaged, truncated, or unpacks to an excessive size.
     """
-    compression = next((each for magic, each in _KINDS.items() if raw[:6].startswith(magic)), None)
+    compression = next((reader for magic, reader in _KINDS.items() if raw[:6].startswith(magic)), None)
     if compression is None:
         return raw
     (kind, opened), total = compression, 0

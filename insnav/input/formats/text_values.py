@@ -78,7 +78,7 @@ def values_of(texts: Any, where: str) -> TextValues:
         cells = [np.nan if not cell else convert(cell.upper()) for cell in texts.to_pylist()]
         _refuse_others([cell is None for cell in cells], texts, first, where)
         return TextValues(np.array(cells, dtype=np.float64), form)
-    pattern = _FORMS[next(i for i, each in enumerate(_PATTERNS) if each.match(first))]
+    pattern = _FORMS[next(i for i, compiled in enumerate(_PATTERNS) if compiled.match(first))]
     groups = pc.extract_regex(texts, pattern)
     empty = np.asarray(pc.equal(pc.fill_null(texts, ""), "").to_numpy(zero_copy_only=False), dtype=np.bool_)
     valid = np.asarray(groups.is_valid().to_numpy(zero_copy_only=False), dtype=np.bool_)
@@ -120,7 +120,7 @@ def with_date(day: FloatArray, second: FloatArray) -> GpsTime:
 def _refuse_others(other: Sequence[bool] | Any, texts: Any, first: str, where: str) -> None:
     rows = np.flatnonzero(np.asarray(other, dtype=np.bool_))
     if len(rows):
-        text, like = (plain_text(each)[:40] for each in (texts[int(rows[0])].as_py(), first))
+        text, like = (plain_text(cell)[:40] for cell in (texts[int(rows[0])].as_py(), first))
         row, count = int(rows[0]) + 1, len(rows)
         raise InputError("format.mixed_texts", where=where, text=text, like=like, row=row, count=count)
 

@@ -28,7 +28,7 @@ _LEAP_DAYS = (np.array(_LEAPS.split(), dtype="datetime64[D]") - EPOCH).astype(np
 def gps_days(year: FloatArray, month: FloatArray, day: FloatArray) -> FloatArray:
     """Convert calendar dates to days since 6 January 1980, ``(n,)``; NaN for invalid dates, such as 31 February."""
     months = ((year - 1970) * 12 + month - 1).astype("datetime64[M]")
-    first, next_first = (each.astype("datetime64[D]") for each in (months, months + 1))
+    first, next_first = (dates.astype("datetime64[D]") for dates in (months, months + 1))
     valid = (month >= 1) & (month <= 12) & (day >= 1) & (day <= (next_first - first).astype(np.float64))
     return np.where(valid, (first - EPOCH).astype(np.float64) + day - 1.0, np.nan)
 

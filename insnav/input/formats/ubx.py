@@ -88,7 +88,7 @@ def recognise(source: Source) -> bool:
 
 def read(source: Source) -> Mapping[str, Table]:
     messages = _FRAMING.find(source.data, [*(number for number, _ in _LAYOUTS.values()), _MEAS, _RAW])
-    found = {key: _Found(*messages[number].records(each, _HEAD)) for key, (number, each) in _LAYOUTS.items()}
+    found = {key: _Found(*messages[number].records(fields, _HEAD)) for key, (number, fields) in _LAYOUTS.items()}
     notes = [
         Finding.of(Code.READ_ROWS_DAMAGED, subject=f"NAV-{key}", count=damaged)
         for key, (number, _) in _LAYOUTS.items()
@@ -155,7 +155,7 @@ def _fixes(source: Source, found: Mapping[str, _Found], base: str, notes: list[F
     usable = (flags & 1 == 1) & ~np.isin(kind, _NO_FIX)
     carrier = (flags.astype(np.int64) >> 6) & 3 if base in ("PVT", "PVAT") else np.zeros(len(key), dtype=np.int64)
     kinds = np.select([~usable, carrier == 2, carrier == 1, flags & 2 == 2], [0, 1, 2, 4], 5)
-    types, row = {each: float(each) for each in (1, 2, 4, 5)}, f"NAV-{base}"
+    types, row = {fix: float(fix) for fix in (1, 2, 4, 5)}, f"NAV-{base}"
     table = conventions.fix_table(source, columns, kinds, types, [note, *notes, fused], row=row, week=first)
     return table, _Clock(time, main.at, first)
 
@@ -272,7 +272,7 @@ def _measurements(messages: Messages, *, raw: bool) -> tuple[Any, Any, Any, Any]
         parts.append((tags[present], signed[present], (values >> 24 & (255 if raw else 63))[present], places[present]))
     if not parts:
         return (np.empty(0), np.empty(0), np.empty(0), np.empty(0, dtype=np.int64))
-    tag, value, sensor, at = (np.concatenate(each) for each in zip(*parts, strict=True))
+    tag, value, sensor, at = (np.concatenate(values) for values in zip(*parts, strict=True))
     order = np.argsort(at, kind="stable")
     return tag[order], value[order], sensor[order], at[order]
 

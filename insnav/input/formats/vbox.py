@@ -58,7 +58,7 @@ def read(source: Source) -> Mapping[str, Table]:
     second = np.unwrap(clock // 10_000 * 3600.0 + clock // 100 % 100 * 60.0 + clock % 100, period=DAY)
     time = GpsTime(second, None, None)
     if (created := _CREATED.search(parts[0])) is not None:
-        day = gps_days(*(np.array([float(each)]) for each in reversed(created.groups())))
+        day = gps_days(*(np.array([float(part)]) for part in reversed(created.groups())))
         time = seconds_of_week(np.full(len(second), day[0]), second, "UTC")
     unknown = np.full(len(second), np.nan)
     place = np.column_stack([column_of["lat"] / 60.0, -column_of["long"] / 60.0, column_of.get("height", unknown)])

@@ -30,7 +30,7 @@ _SAMPLES = (
 )
 _TEMPERATURE = {"temperature_c": "IMU::Temp [Celsius]"}
 _LLA = {"lat_deg": "latitude [deg]", "lon_deg": "longitude [deg]", "height_m": "altitude [m]"}
-_PLACE = {key: f"GNSS1::PosLla::{each}" for key, each in _LLA.items()}
+_PLACE = {key: f"GNSS1::PosLla::{name}" for key, name in _LLA.items()}
 _OTHERS = {
     **{f"v{axis.lower()}_m_s": f"GNSS1::VelNed::{axis} [m/s]" for axis in _NED},
     **{f"sd_{axis.lower()}": f"GNSS1::PosU::{axis} [m]" for axis in _NED},
@@ -40,7 +40,7 @@ _OTHERS = {
     "fix_week": "GNSS1::Week",
 }
 _INS = {
-    **{key: f"INS::PosLla::{each}" for key, each in _LLA.items()},
+    **{key: f"INS::PosLla::{name}" for key, name in _LLA.items()},
     **{f"v{axis.lower()}_m_s": f"INS::VelNed::{axis} [m/s]" for axis in _NED},
     **{f"{key}_deg": f"Att::YawPitchRoll::{key[0].upper()} [deg]" for key in ("roll", "pitch")},
     "heading_deg": "Att::YawPitchRoll::Y [deg]",
@@ -56,7 +56,7 @@ def recognise(source: Source) -> bool:
 def read(source: Source) -> Mapping[str, Table]:
     table = delimited_text.read(source)[""]
     samples = [
-        dict(zip(GYRO + ACCEL, [each.format(axis) for each in pair for axis in _AXES], strict=True))
+        dict(zip(GYRO + ACCEL, [name.format(axis) for name in pair for axis in _AXES], strict=True))
         for pair in _SAMPLES
     ]
     kinds = (_TIMES, _TEMPERATURE, _PLACE, _OTHERS, _INS, *samples)

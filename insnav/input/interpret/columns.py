@@ -310,7 +310,7 @@ def require(
     unused = [h for i, h in enumerate(headers) if h and i not in used]
     candidates = [h for h in unused if not key_of(h, schema)]
     listed: dict[str, Any] = {"quantities": tuple(q.name for q in missing), **_listed(headers)}
-    split_time = {"hour", "minute"} <= {compact(each).removesuffix("s") for each in unused}
+    split_time = {"hour", "minute"} <= {compact(header).removesuffix("s") for header in unused}
     if split_time and "time" in {q.key for q in missing}:
         raise InputError("columns.time_in_parts", where=where, **listed)
     similar = {}  # header with a similar name, by key

@@ -54,7 +54,7 @@ _ECHOED = {
 _EARTH = 6.33e6, 6.48e6  # distances from the Earth's centre, up to 100 km height [m]
 _SHARE = 0.9  # least share of rows at these distances
 _HIGH = 2e4  # least Earth-fixed z [m]: map heights are smaller, even where a northing is the Earth's radius (57.5 deg)
-_TIME = tuple(each for each in IMU_SCHEMA if each.key == "time")
+_TIME = tuple(quantity for quantity in IMU_SCHEMA if quantity.key == "time")
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,7 +93,7 @@ def _echoed(table: Table) -> Table:
     """Name the columns of ``ros2 topic echo --csv``, which writes all fields of a message and no header."""
     names = _ECHOED.get(len(table.headers), {}) if is_headerless(table.headers) else {}
     stamp = _first(table, [0, 1]) if names else None
-    if stamp is None or _first(table, [2]) is not None or any((each != np.floor(each)).any() for each in stamp):
+    if stamp is None or _first(table, [2]) is not None or any((column != np.floor(column)).any() for column in stamp):
         return table  # no such message: its third field is text (the frame)
     return replace(table, headers=tuple(names.get(i, "") for i in range(len(table.headers))))
 

@@ -54,7 +54,7 @@ def axes_matrix(axes: str) -> FloatArray:
 def _angles(text: str) -> FloatArray | None:
     """Parse three comma-separated angles [deg]."""
     try:
-        angles = np.array([float(each) for each in text.split(",")])
+        angles = np.array([float(word) for word in text.split(",")])
     except ValueError:
         return None
     return angles if angles.shape == (3,) and bool(np.all(np.abs(angles) <= 360.0)) else None

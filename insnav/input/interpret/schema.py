@@ -73,7 +73,7 @@ def schema(kind: str) -> tuple[Quantity, ...]:
 IMU_SCHEMA, GPS_SCHEMA, REFERENCE_SCHEMA = schema("imu"), schema("gps"), schema("reference")
 # Logs of further sensors: their quantities, and the alternative sets of required columns.
 LOG_SCHEMAS: dict[str, tuple[tuple[Quantity, ...], tuple[tuple[str, ...], ...]]] = {
-    name: (schema(name), tuple(tuple(each.split()) for each in needed)) for name, needed in _NAMES["logs"].items()
+    name: (schema(name), tuple(tuple(keys.split()) for keys in needed)) for name, needed in _NAMES["logs"].items()
 }
 
 PREFIXES = tuple(_NAMES["prefixes"].split())  # beginnings of headers that `match_header` skips

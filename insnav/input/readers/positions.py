@@ -36,7 +36,7 @@ _FAR = 0.1 * DEG  # a fix at (0, 0) is a placeholder if all other fixes are fart
 _MOVES, _CLIMBS = 100.0, 5.0  # horizontal, vertical motion of a reference [m]: with more, a column of zeros is unknown
 _ROOM = {"px", "prsrx", "posx", "positionx"}  # headers of local positions, as in EuRoC and TUM-VI
 # formats that define no height datum; the empty name means data in memory
-_ANY_HEIGHT = {"", *(each.name for each in (delimited_text, kf_gins, matlab, parquet, sensor_folder))}
+_ANY_HEIGHT = {"", *(module.name for module in (delimited_text, kf_gins, matlab, parquet, sensor_folder))}
 # columns that identify ArduPilot, PX4, GoPro (GPMF: MSLV); their documents define ``Alt`` above mean sea level
 _OF_SEA_LEVEL = {"timeus", "epv", "altitudesystem"}
 _ATTITUDE = ("roll", "pitch", "heading")
@@ -195,7 +195,7 @@ def read_positions(
         for key in ("sd_vn", "sd_ve", "sd_vd")[:measured]:
             if key in data:
                 data[key] = data[key] * unit
-    filled = {key: each for key, each in found.items() if key not in data or np.isfinite(data[key]).any()}
+    filled = {key: column for key, column in found.items() if key not in data or np.isfinite(data[key]).any()}
     unstated = [key for key in _ATTITUDE if key in filled and not filled[key].unit]
     attitude = [data[key] for key in unstated]
     in_radians = "heading" in unstated and turns_in_radians(data["time"], lla, v_n, np.column_stack(attitude))
@@ -282,7 +282,7 @@ def _refuse_impossible(
         if wrong.any():
             row = int(np.flatnonzero(wrong)[0])
             column = found[height_key if key == "height" else key]
-            lat, lon = (float(np.max(np.abs(raw[each][~bad]))) / DEG for each in ("lat", "lon"))
+            lat, lon = (float(np.max(np.abs(raw[angle][~bad]))) / DEG for angle in ("lat", "lon"))
             if key == "lat" and wrong[~bad].mean() > 0.5 and lat <= 180.0 and lon <= 90.0:
                 where = table.place(row, column.index)
                 raise _exchanged("input.exchanged_by_value", found, where, lat_rad=float(raw[key][row]))
@@ -304,7 +304,7 @@ def _refuse_impossible(
             row = int(np.flatnonzero(wrong)[0])
             values = {"column": found[key].header, "count": int(np.count_nonzero(wrong))}
             where = table.place(row, found[key].index)
-            zero = [each for each in _STANDARD_DEVIATIONS if each in raw and each in found and not raw[each].any()]
+            zero = [name for name in _STANDARD_DEVIATIONS if name in raw and name in found and not raw[name].any()]
             if key in zero:
                 left_out = dict.fromkeys(zero, "")
                 values |= {"option": "--columns", "columns": quote_columns(left_out)}
@@ -352,7 +352,7 @@ def _velocity_unit(fit: Fit | None, found: Mapping[str, Found], name: str) -> tu
         raise _exchanged("input.exchanged_by_velocity", found, name)
     columns = [found[key] for key in ("vn", "ve", "vd", "vu", "speed") if key in found]
     if fit.in_vehicle:
-        return 1.0, [Finding.of(Code.READ_VELOCITY_IN_VEHICLE, columns=tuple(each.header for each in columns))]
+        return 1.0, [Finding.of(Code.READ_VELOCITY_IN_VEHICLE, columns=tuple(column.header for column in columns))]
     if not fit.as_named:
         directions = [("vn", "ve")[i] for i in fit.order] if "vn" in found else []
         right = {key: found[other].header for key, other in zip(("vn", "ve"), directions, strict=False)}

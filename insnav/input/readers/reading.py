@@ -45,7 +45,7 @@ class ReadingFacts:
 
     def as_dict(self) -> dict[str, Any]:
         """Convert the facts to values for JSON, without empty optional facts."""
-        facts = {each.name: getattr(self, each.name) for each in fields(self)}
+        facts = {item.name: getattr(self, item.name) for item in fields(self)}
         facts |= {"columns": dict(self.columns), "evidence": [each.as_dict() for each in self.evidence]}
         optional = ("axes", "sampling", "stamp", "height", "gps_week")
         return {name: value for name, value in facts.items() if value not in ("", None) or name not in optional}
@@ -53,14 +53,14 @@ class ReadingFacts:
     @classmethod
     def from_dict(cls, facts: Mapping[str, Any]) -> ReadingFacts:
         """Restore the facts from JSON."""
-        known = {each.name for each in fields(cls)}
+        known = {item.name for item in fields(cls)}
         evidence = tuple(map(Finding.from_dict, facts["evidence"]))
         return cls(**{name: value for name, value in facts.items() if name in known} | {"evidence": evidence})
 
     def lines(self) -> list[str]:
         """Return the facts as sentences, one per line."""
         values: dict[str, Any] = {"length_s": self.end_s - self.start_s} | {
-            each.name: getattr(self, each.name) for each in fields(self)
+            item.name: getattr(self, item.name) for item in fields(self)
         }
         values["n_rows"] = self.n_rows if self.n_used < self.n_rows else None
         columns = ", ".join(

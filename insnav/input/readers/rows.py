@@ -77,7 +77,7 @@ class Rows:
             longest_gap_s=cleaned.longest_gap,
             columns=columns,
             # a finding without a subject concerns the whole file: its subject is the input name
-            evidence=tuple(replace(each, subject=each.subject or self.kinds.source) for each in notes if each),
+            evidence=tuple(replace(note, subject=note.subject or self.kinds.source) for note in notes if note),
             **known,
             gps_week=None if self.week is None else int(self.week),
         )

@@ -136,9 +136,9 @@ def _refuse_gaps(cleaned: Cleaned, name: str) -> None:
 
 def _unit(cleaned: Cleaned, found: list[Found], name: str) -> tuple[str, Finding]:
     """Find the unit of the specific force from its headers or from gravity, with evidence."""
-    stated = {each.unit for each in found} - {None}
+    stated = {column.unit for column in found} - {None}
     if len(stated) > 1:
-        raise InputError("input.mixed_units", where=name, columns=tuple(each.describe() for each in found))
+        raise InputError("input.mixed_units", where=name, columns=tuple(column.describe() for column in found))
     medians: dict[str, Any] = {
         key: float(np.median(cleaned.columns[key])) for key in ("f_up", "f_down") if key in cleaned.columns
     }
