@@ -49,7 +49,7 @@ class Stream:
         log, start = self._rest + data, 0
         while start < len(log):
             sync, end = log.find(_SYNC, start), log.find(b"\n", start)
-            if sync == start:  # a u-blox message
+            if sync == start:  # a u-blox message begins here
                 size = 8 + int.from_bytes(log[start + 4 : start + 6], "little")
                 if len(log) < start + max(size, 8):
                     break

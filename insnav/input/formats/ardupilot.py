@@ -127,7 +127,7 @@ def _text(source: Source) -> dict[str, _Columns]:
             except ValueError:
                 continue
             kept = rows.setdefault(words[0], [])
-            if not kept or len(kept[0]) == len(numbers):  # a later FMT may differ
+            if not kept or len(kept[0]) == len(numbers):  # a later FMT may change the number of columns
                 kept.append(numbers)
     found = {key: _scaled(dict(zip(columns[key], np.array(v).T, strict=False))) for key, v in rows.items()}
     return {key: data for key, data in found.items() if data}

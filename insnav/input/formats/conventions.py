@@ -29,7 +29,7 @@ VELOCITY = ("vn_m_s", "ve_m_s", "vd_m_s")
 ATTITUDE = ("roll_deg", "pitch_deg", "heading_deg")
 # codes of flight controllers and phones (2D, 3D, DGPS, RTK float, RTK fixed) -> fix type
 FIX_TYPES = {2: 5.0, 3: 5.0, 4: 4.0, 5: 2.0, 6: 1.0}
-_LONGEST_SD = 1e4  # a larger standard deviation means unknown [m], [m/s]
+_LONGEST_SD = 1e4  # a larger standard deviation marks an unknown accuracy [m], [m/s]
 
 
 def up_or_down(accel_z: FloatArray, up: str, down: str = "FRD") -> str:
@@ -122,7 +122,7 @@ def damaged(code: str, source: Source, **values: Any) -> Iterator[None]:
 class TextColumns:
     """Columns of a text file, read together so that all end at the same row."""
 
-    columns: Mapping[str, FloatArray]  # (n,) by header in small letters
+    columns: Mapping[str, FloatArray]  # (n,) by header in lower-case letters
     headers: tuple[str, ...]  # all headers of the file
     cut: Finding | None  # reason for dropping the last row, if dropped
 

@@ -151,7 +151,7 @@ class TextCells:
                     text=plain_text(text)[:80],
                 )
             n += 1
-            if tuple(cells) == headers:  # a repeated header, as in joined files
+            if tuple(cells) == headers:  # repeated header row, as in concatenated files
                 for column in values:
                     column.append(np.nan)
                 continue

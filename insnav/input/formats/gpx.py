@@ -24,7 +24,7 @@ suffixes = (".gpx",)
 
 _POINT = re.compile(
     rb"<(?:\w+:)?trkpt\b([^>]*?)(?:/>|>(.*?)</(?:\w+:)?trkpt>)", re.S
-)  # xml.etree would need twice the memory
+)  # a regular expression: xml.etree would need twice the memory
 _NUMBER = rb"""\s*=\s*["']\s*([-+0-9.eE]+)\s*["']"""
 _LAT, _LON = re.compile(rb"\blat" + _NUMBER), re.compile(rb"\blon" + _NUMBER)
 _ELEVATION = re.compile(rb"<(?:\w+:)?ele>\s*([-+0-9.eE]+)\s*<")

@@ -54,7 +54,7 @@ def read(source: Source) -> Mapping[str, Table]:
     if not files:
         raise InputError("format.json_no_records", where=source.name)
     parts = delimited_text.read(files.popitem()[1]()) if len(files) == 1 else tables_of(replace(source, members=files))
-    given = delimited_text.name  # it defines no units and no height datum
+    given = delimited_text.name  # name of a format that defines no units and no height datum
     return {p: replace(t, notes=(*t.notes, *cut), name=source.name, format=t.format or given) for p, t in parts.items()}
 
 

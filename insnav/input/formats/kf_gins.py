@@ -36,9 +36,9 @@ _LAYOUTS = (
     *(("gps", (*_POSITION, *_VELOCITY)), ("gps", _POSITION), ("reference", _SOLUTION), ("imu", ("time_s", *_IMU))),
     *(("imu", (*_IMU, "time_s")), ("gps", ("ve_m_s", "vn_m_s", "vu_m_s", *_PSINS)), ("gps", _PSINS)),
 )
-_GRAVITY = (9.3, 10.3)  # sum of velocity increments per second [m/s^2]
+_GRAVITY = (9.3, 10.3)  # plausible sum of velocity increments per second, which is gravity [m/s^2]
 _FASTEST_FIXES = 0.04  # fixes have intervals of 0.05 s or more, IMU samples less [s]
-_ROWS = 20  # rows examined
+_ROWS = 20  # number of rows that are examined to identify the layout
 
 
 def recognise(source: Source) -> bool:
@@ -60,7 +60,7 @@ def _layout(head: bytes) -> tuple[str, tuple[str, ...]]:
     rows = [line.split() for line in (lines[:-1] if len(lines) > 2 else lines) if line.strip()]
     try:
         numbers = np.array([[float(word) for word in row] for row in rows])
-    except ValueError:  # words, or rows of different length
+    except ValueError:  # the rows contain words, or have different lengths
         return "", ()
     if numbers.ndim != 2 or len(numbers) < 2 or not np.isfinite(numbers).all():
         return "", ()

@@ -47,7 +47,7 @@ def read(source: Source) -> Mapping[str, Table]:
     fixes = {"time_s": time, **triad(MSL_PLACE, rows[:, :3])}
     fixes |= triad(VELOCITY, rows[:, [6, 7, 10]] * [1.0, 1.0, -1.0])
     fixes |= deviations(rows[:, [23, 23, 23]] * _VERTICAL, "sd_{}_m") | deviations(rows[:, [24, 24, 24]], "sd_v{}_m_s")
-    roll, pitch, yaw = rows[:, 3:6].T / DEG  # of Forward-Left-Up axes in East-North-Up [deg]
+    roll, pitch, yaw = rows[:, 3:6].T / DEG  # attitude of Forward-Left-Up axes in East-North-Up axes [deg]
     attitude = triad(ATTITUDE, np.column_stack([roll, -pitch, (90.0 - yaw) % 360.0]))
     samples = {"time_s": time, **triad(GYRO, rows[:, 17:20]), **triad(ACCEL, rows[:, 11:14])}
     clock, fused = Finding.of(Code.READ_TIME_LOCAL), Finding.of(Code.READ_FUSED)

@@ -46,11 +46,11 @@ name = "MATLAB file"
 suffixes = (".mat",)
 extra = "mat"
 
-_INT32, _MATRIX, _COMPRESSED = 5, 14, 15  # kinds of elements (MAT-File Format, table 1-1)
+_INT32, _MATRIX, _COMPRESSED = 5, 14, 15  # type numbers of data elements (MAT-File Format, table 1-1)
 _PIECE = 1 << 22
 _OBJECT = 1 << 10  # overhead per array or structure [bytes]; a small file may refer to one array many times
 _HDF5 = b"\x89HDF\r\n\x1a\n"
-_Tree = dict[str, Any]  # arrays of numbers by name, and nested structures
+_Tree = dict[str, Any]  # content of a file: arrays of numbers and nested structures, by name
 
 
 def recognise(source: Source) -> bool:

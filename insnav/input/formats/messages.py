@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from insnav.types import FloatArray
 
 Bytes = NDArray[np.uint8]
-_BLOCK = 1 << 25  # messages processed together [bytes]
+_BLOCK = 1 << 25  # size of messages that are processed together [bytes]
 
 
 def starts(data: bytes | mmap.mmap, first: bytes) -> NDArray[np.int64]:
@@ -66,7 +66,7 @@ class Framing:
     number: tuple[int, int]
     size: tuple[int, int]
     around: int  # bytes of a message that its size field does not count
-    least: int  # size of the smallest message
+    least: int  # size of the smallest message [bytes]
     sound: Callable[[Bytes], NDArray[np.bool_]]  # tests the checksums of whole messages (n, size)
 
     def recognise(self, head: bytes) -> bool:
@@ -89,7 +89,7 @@ class Framing:
             for size in np.unique(sizes[of_number]).tolist():
                 candidates = at[of_number & (sizes == size)]
                 messages.damaged += len(candidates)
-                step = max(1, _BLOCK // max(size, 1))  # in blocks, to limit memory
+                step = max(1, _BLOCK // max(size, 1))  # process messages in blocks, to limit memory
                 for first in range(0, len(candidates) if size >= self.least else 0, step):
                     block = candidates[first : first + step]
                     rows = gathered(data, block, size)

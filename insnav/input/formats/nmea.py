@@ -136,7 +136,7 @@ class _Log:
 
     def _zda(self, epoch: dict[str, float], words: list[str]) -> None:
         day, month, year = (int(_number(word, 0.0)) for word in words[2:5])
-        late = _time_of_day(words[1]) - epoch["time"]  # negative: ZDA follows midnight, its fix does not
+        late = _time_of_day(words[1]) - epoch["time"]  # negative if midnight is between the fix and its ZDA sentence
         epoch["date"] = _day(year, month, day) - (late < -_HALF_DAY)
 
     def _hdt(self, epoch: dict[str, float], words: list[str]) -> None:
@@ -202,7 +202,7 @@ def _velocity(knots: float, course: float) -> dict[str, float]:
 def _height(altitude: FloatArray, separation: FloatArray) -> tuple[dict[str, FloatArray], Finding | None]:
     """Build the height column, ellipsoidal if the geoid separation is known."""
     known = np.isfinite(separation)
-    if not np.isfinite(altitude).any():  # only RMC sentences, which have no altitude
+    if not np.isfinite(altitude).any():  # a log of only RMC sentences, which have no altitude
         return {}, None
     if known.any() and (separation[known] != 0.0).any():
         filled = np.where(known, separation, np.median(separation[known]))

@@ -192,7 +192,7 @@ def _ascii(source: Source) -> Iterator[tuple[int, tuple[float, float], NDArray[A
         week, second = head[:2] if match[0].startswith(b"%") else head[4:6]
         names = layout.names or ()
         if number in (42, 1429):
-            words = [*words[:6], "0", *words[7:]]  # the datum, a text, is not read
+            words = [*words[:6], "0", *words[7:]]  # the datum is a text, and is not used
         try:
             row = tuple(_word(key, word) for key, word in zip(names, words, strict=False))
             if len(row) == len(names):
@@ -254,7 +254,7 @@ def _samples(source: Source, log: Any, name: str, notes: list[Finding]) -> dict[
     time, rows = log
     time = _own_time(time, rows)
     counts = np.column_stack([rows[key].astype(np.float64) for key in ("gx", "gy", "gz", "ax", "ay", "az")])
-    counts *= [1.0, -1.0, 1.0, 1.0, -1.0, 1.0]  # the log has y with opposite sign
+    counts *= [1.0, -1.0, 1.0, 1.0, -1.0, 1.0]  # NovAtel logs the y axis with opposite sign
     stated = "type" in (rows.dtype.names or ())
     if stated:
         types, per_second = np.unique(rows["type"]).tolist(), np.nan

@@ -80,9 +80,9 @@ def read(source: Source) -> Mapping[str, Table]:
 class _Log:
     """Index of the messages of each topic."""
 
-    formats: dict[str, str] = field(default_factory=dict)  # fields by message name
-    subscribed: dict[int, tuple[str, int]] = field(default_factory=dict)  # name and instance, by subscription
-    at: dict[int, list[int]] = field(default_factory=dict)  # positions of the data, by subscription
+    formats: dict[str, str] = field(default_factory=dict)  # layout text of the fields, by message name
+    subscribed: dict[int, tuple[str, int]] = field(default_factory=dict)  # name and instance, by subscription number
+    at: dict[int, list[int]] = field(default_factory=dict)  # positions of the messages, by subscription number
 
     def walk(self, data: bytes | mmap.mmap) -> list[Finding]:
         """Index all messages of a file; return findings on damage and gaps."""
@@ -129,7 +129,7 @@ class _Log:
         at = np.array([place for number in numbers for place in self.at.get(number, [])], dtype=np.int64)
         rows = as_records(gathered(data, at, layout.itemsize), layout)
         names = layout.names or ()
-        with np.errstate(invalid="ignore"):  # damaged numbers
+        with np.errstate(invalid="ignore"):  # damaged messages may contain invalid numbers
             kept = [key for key in names if len(rows) and rows[key].dtype.kind != "S"]
             return {key: rows[key].astype(np.float64) for key in kept}
 
@@ -153,7 +153,7 @@ def _layout(fields: str) -> np.dtype[Any] | None:
 
 def _fixes(source: Source, data: Mapping[str, FloatArray], notes: list[Finding]) -> Table:
     columns = {"time_s": 1e-6 * data.get("timestamp_sample", data["timestamp"])}
-    if not (columns["time_s"] > 0.0).all():  # early drivers leave timestamp_sample zero
+    if not (columns["time_s"] > 0.0).all():  # early drivers leave the field timestamp_sample zero
         columns["time_s"] = 1e-6 * data["timestamp"]
     for key, names in _PLACE.items():
         values = next((factor * data[name] for name, factor in names if name in data), None)

@@ -33,7 +33,7 @@ suffixes = (".bag", ".db3", ".mcap")
 extra = "ros"
 
 _MAGIC = {b"#ROSBAG V2.0": ".bag", b"SQLite format 3": ".db3", b"\x89MCAP0\r\n": ".mcap"}
-_BLOCK = 20_000  # messages decoded together
+_BLOCK = 20_000  # number of messages that are decoded together
 _FLU = np.array([1.0, -1.0, -1.0])
 _FEW, _APART = 10, 1.0  # least number of fixes that locate odometry on Earth; largest RMS distance [m]
 _STATUS = {0: 5.0, 1: 4.0, 2: 4.0}  # NavSatStatus -> fix type; covariances give the accuracy of differential fixes
@@ -221,7 +221,7 @@ def _fixes(source: Source, table: FloatArray, velocities: Mapping[str, FloatArra
     columns = {"time_s": _times(table, notes), **conventions.triad(conventions.PLACE, table[:, 4:7])}
     known = table[:, 3] > 0.0
     if known.any():
-        with np.errstate(invalid="ignore"):  # covariances are East, North, Up
+        with np.errstate(invalid="ignore"):  # columns 7, 11, 15: variances East, North, Up
             sd = np.where(known[:, None], np.sqrt(table[:, [11, 7, 15]]), np.nan)
         columns |= conventions.deviations(sd, "sd_{}_m")
         if (table[known, 3] == 1.0).any():

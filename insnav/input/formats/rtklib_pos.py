@@ -52,7 +52,7 @@ _RANGES = {
 }  # fmt: skip
 _ZONES = {"GPST": 0.0, "UTC": 0.0, "JST": 32_400.0}  # time ahead of UTC [s]; zero for GPS time
 _EARTH_RADII = (6.33e6, 6.5e6)  # distances from the Earth's centre near the ground [m]
-_LONGEST_BASELINE = 2e6  # [m]
+_LONGEST_BASELINE = 2e6  # largest plausible component of a baseline [m]
 
 
 def recognise(source: Source) -> bool:
@@ -141,7 +141,7 @@ def _degrees(data: Mapping[str, FloatArray], column: str) -> FloatArray:
     if f"{column} minute" not in data:
         return value
     part = data[f"{column} minute"] / 60.0 + data[f"{column} second"] / 3600.0
-    return value + np.copysign(part, value)  # -0 degrees are negative, too
+    return value + np.copysign(part, value)  # copysign: -0 degrees are negative, too
 
 
 def _earth_fixed(

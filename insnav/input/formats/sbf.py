@@ -39,7 +39,7 @@ from insnav.units import DEG
 name = "Septentrio SBF log"
 suffixes = (".sbf",)
 
-_UNKNOWN = -1e10  # unknown values are below: -2e10
+_UNKNOWN = -1e10  # SBF marks unknown values by -2e10, which is below this limit
 _HEADER = "sync:u2 crc:u2 id:u2 length:u2 tow:u4 week:u2"
 _PVT = f"{_HEADER} mode:u1 error:u1"
 _BLOCKS: dict[str, tuple[int, np.dtype[Any]]] = {

@@ -48,7 +48,7 @@ _KINDS = {
     "reference": ("refpos",),
     "time": ("time", "gpstime"),
 }
-_PLAIN = {"gyro": GYRO, "accel": ACCEL, "linear": ACCEL, "gravity": ACCEL}  # names for columns x, y, z
+_PLAIN = {"gyro": GYRO, "accel": ACCEL, "linear": ACCEL, "gravity": ACCEL}  # canonical names of columns x, y, z
 _NATIVE = "seconds_elapsed"  # time of Sensor Logger, whose accelerometer file excludes gravity
 _AXIS = re.compile(r"([xyz])( *[\[(].*)?", re.IGNORECASE)
 
@@ -113,12 +113,12 @@ def _paths(source: Source) -> dict[str, str]:
 
 def _open(source: Source, path: str, kind: str) -> _File:
     """Open a file; its name determines the sensor of columns x, y, z."""
-    from insnav.input.interpret.composed import composed  # imported late: it imports formats itself
+    from insnav.input.interpret.composed import composed  # imported here, as it imports formats itself
 
     file = source.members[path]()
     table = composed(delimited_text.read(file)[""])
-    known = _NATIVE in table.headers  # Sensor Logger defines the units
-    headers = ("time", *"xyz") if table.headers == ("1", "2", "3", "4") else table.headers  # imu_tk
+    known = _NATIVE in table.headers  # units are known, since Sensor Logger defines them
+    headers = ("time", *"xyz") if table.headers == ("1", "2", "3", "4") else table.headers  # imu_tk: no header
     headers = tuple(_named(header, kind, known) for header in headers) if kind in _PLAIN else table.headers
     table = replace(table, headers=headers, format=name)
     found, _ = understand(headers, table.units, IMU_SCHEMA, where=file.name)

@@ -28,7 +28,7 @@ from insnav import spill
 from insnav.exceptions import InputError, reason_of
 from insnav.plain_text import plain_text
 
-MAX_BYTES = 2 << 30  # largest size of unpacked data
+MAX_BYTES = 2 << 30  # largest accepted size of unpacked data [bytes]
 MAX_RATIO = 40  # largest ratio of unpacked to packed size, above RATIO_FROM; recordings have up to 15
 RATIO_FROM = 128 << 20
 MAX_FILES, MAX_DEPTH = 200_000, 6  # largest numbers of files and levels in a folder or archive
@@ -112,7 +112,7 @@ def _member(archive: zipfile.ZipFile, entry: zipfile.ZipInfo, name: str) -> Call
 
 
 HEAD_BYTES = 1 << 14  # first bytes of a file, by which its format is recognised
-_PIECE = 1 << 22  # bytes processed together
+_PIECE = 1 << 22  # number of bytes that are processed together
 _MAX_STREAM = 128 << 20  # largest size of a stream, which is held in memory; an hour at 400 Hz has 115 MB
 _ZIP = b"PK\x03\x04"
 

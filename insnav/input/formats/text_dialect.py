@@ -13,7 +13,7 @@ from insnav.input.interpret.schema import UNIT_SPELLINGS, compact
 from insnav.plain_text import plain_text
 
 SNIFF_BYTES = 1 << 16
-_SAMPLE_ROWS = 20  # rows examined
+_SAMPLE_ROWS = 20  # number of rows that are examined to detect the dialect
 _FEWEST_NUMBERS = 4  # least count of numbers in a row that shows where a table begins
 _COMMENT = ("#", "%", "//")
 # In order of preference; blank means any run of blanks and tabs.
@@ -28,10 +28,10 @@ class Dialect:
     """Text dialect of a table."""
 
     delimiter: str  # one character; a blank means any run of blanks and tabs
-    decimal: str  # ``.`` or ``,``
+    decimal: str  # decimal sign, ``.`` or ``,``
     headers: tuple[str, ...]  # names of the columns
     units: tuple[str, ...] | None  # row of units under the header, if any
-    offset: int  # start of the numbers [bytes]
+    offset: int  # position of the first row of numbers in the text [bytes]
     first_line: int  # first line of numbers, counted from 1
 
 

@@ -49,7 +49,7 @@ class TextValues(NamedTuple):
 
     values: FloatArray  # (n,) seconds, days, degrees or signs; NaN for an empty cell
     form: str  # ``date and time``, ``time of day``, ``date``, ``angle`` or ``hemisphere``
-    note: Finding | None = None  # finding on the times
+    note: Finding | None = None  # finding on the time scale or time zone
     week: float | None = None  # GPS week of the time origin
 
 

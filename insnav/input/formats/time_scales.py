@@ -16,7 +16,7 @@ WEEK_DAYS = 7.0
 DAY = 86_400.0
 WEEK = WEEK_DAYS * DAY
 EPOCH = np.datetime64("1980-01-06", "D")  # epoch of GPS time
-UNIX_DAYS = float((EPOCH - np.datetime64("1970-01-01", "D")).astype(np.int64))  # from 1970 to the GPS epoch
+UNIX_DAYS = float((EPOCH - np.datetime64("1970-01-01", "D")).astype(np.int64))  # days from 1970 to the GPS epoch
 # months from whose beginning GPS minus UTC is one second more (IERS Bulletin C)
 _LEAPS = """
 1981-07 1982-07 1983-07 1985-07 1988-01 1990-01 1991-01 1992-07 1993-07

@@ -57,7 +57,7 @@ _LAYOUTS: dict[str, tuple[int, np.dtype[Any]]] = {
 }
 _RECEPTION = ("satellites", "numSV", 1.0), ("dop", "pDOP", 0.01)
 _MEAS, _RAW = 0x0210, 0x0310
-_GYRO_TYPES, _ACCEL_TYPES, _TEMPERATURE = (14, 13, 5), (16, 17, 18), 12  # types along x, y, z
+_GYRO_TYPES, _ACCEL_TYPES, _TEMPERATURE = (14, 13, 5), (16, 17, 18), 12  # sensor types along x, y, z; temperature
 _SCALES = {**dict.fromkeys(_GYRO_TYPES, DEG / 4096.0), **dict.fromkeys(_ACCEL_TYPES, 1.0 / 1024.0), _TEMPERATURE: 0.01}
 _NO_FIX = (0, 1, 5)  # fixType: invalid, dead reckoning only, time only
 _RAW_TICK = 39.0625e-6  # nominal unit of time tags in ESF-RAW [s]; fixes can correct it
@@ -312,7 +312,7 @@ def _sensor_time(tags: FloatArray, places: Any, clock: _Clock, *, raw: bool) -> 
         return 1e-3 * tags, Finding.of(code, count=len(x), limit_count=_FEW)
     rate = float(np.polyfit(x - x[0], y - y[0], 1)[0])
     nominal = _RAW_TICK if raw else 1e-3
-    if abs(rate / nominal - 1.0) * np.ptp(y) < _ORDER_JITTER:  # the message order is no better
+    if abs(rate / nominal - 1.0) * np.ptp(y) < _ORDER_JITTER:  # the message order is not more accurate
         rate = nominal
     offset = (y - y[0]) - rate * (x - x[0])
     time = rate * (tags - x[0]) + float(np.quantile(offset, 0.98)) + y[0]

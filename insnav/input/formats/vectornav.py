@@ -109,7 +109,7 @@ def _fixes(source: Source, place: dict[str, FloatArray], text: TextColumns, cloc
     if "sd_v" in others:
         columns |= deviations(np.column_stack([others["sd_v"]] * 3), "sd_v{}_m_s")
     kind = others.get("kind", np.full(len(clock.time), 3.0))
-    fresh = np.concatenate(([True], np.diff(clock.time) != 0.0))[: len(kind)]  # rows between fixes repeat a fix
+    fresh = np.concatenate(([True], np.diff(clock.time) != 0.0))[: len(kind)]  # rows between fixes repeat the fix
     kind = np.where(np.isfinite(clock.time), kind, np.nan)[fresh]
     columns = {key: column[fresh] for key, column in columns.items()}
     return fix_table(source, columns, kind, _FIXES, [clock.note], row="rows", cut=text.cut, week=clock.week)

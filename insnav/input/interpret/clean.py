@@ -18,7 +18,7 @@ from insnav.types import BoolArray, FloatArray, IntArray
 MAX_UNSORTED = 0.01  # largest share of rows out of order
 _BACKWARDS = 0.75  # a larger share of backward time steps shows reverse order; a shuffled file has 0.5
 _RESET_ROWS = 5  # at least this number of last rows out of order shows that the clock was set back
-_MAX_SHARED = 0.1  # largest share of different rows with equal times
+_MAX_SHARED = 0.1  # largest share of rows that have the time of another row, but other values
 _DAY, _FEW_STRAY = 86_400.0, 3  # length of a day [s]; largest number of rows with damaged times
 _MIN_INTERVAL = 1e-9  # shorter intervals count as zero [s]
 # A log repeats its fixes if it has at least this number of different positions, and at most this share of positions
@@ -37,7 +37,7 @@ class Kinds:
     source: str
     gap_rows: int
     min_rows: int
-    gaps: bool = True  # report gaps
+    gaps: bool = True  # True if gaps are reported
     held: tuple[str, ...] = ()  # columns that are equal in repeated rows
 
     def finding(self, code: Code, time: float, **values: Any) -> Finding:

@@ -22,13 +22,13 @@ from insnav.units import DEG
 
 _BRACKETS = re.compile(r"^(?P<base>[^\[\](){}]+?)\s*[\[({](?P<unit>[^\[\](){}]*)[\])}]\s*$")
 _WORDS = re.compile(r"[^\W_]+")
-_INDEXED = re.compile(r"^(?P<base>.+?)\[(?P<index>\d)\]$")  # header such as gyro[0]
+_INDEXED = re.compile(r"^(?P<base>.+?)\[(?P<index>\d)\]$")  # header with an index, such as gyro[0]
 _QUATERNION = re.compile(r"q(uat(ernion)?)?[ _.]?[wxyz0-3]", re.IGNORECASE)
 _COUNTED = re.compile(r"^(?P<base>.*?[A-Za-z_ ]\[?)(?P<index>[0-3])(?P<rest>(?:[\s_\[\](].*)?)$")
-_MEANT = {  # compact header -> header with the right unit
+_MEANT = {  # compact header -> header with the unit that it really has
     "verticalaccuracydeg": "vertical accuracy (m)",  # phyphox gives degrees instead of metres
     "millis": "time (ms)",
-    "timestartup": "time (ns)",  # header of VectorNav
+    "timestartup": "time (ns)",  # header in VectorNav files, which count nanoseconds
     "micros": "time (us)",
     **dict.fromkeys(("utcnano", "logmonotime"), "time (ns)"),
 }
@@ -37,7 +37,7 @@ _NO_UNIT = re.compile("wgs84|txt|x[0-9a-f]{4}")  # texts in brackets that are no
 _DEVICE = re.compile(r"^(?:/[^/]+(?=/.)|/|.*(?:\d{4,}[._:/ -]+|:)(?=[A-Za-z]))")
 _CHIP = re.compile(r"(?i).+\b(accelerometer|gyroscope)(?: (?!uncal)[^.]*)?[.]([xyz])")  # Android: chip, sensor, axis
 _NAMED = 3  # least number of quantities, besides time, in a header line
-_LISTED = 12  # unused columns listed in a finding
+_LISTED = 12  # largest number of unused columns that a finding lists
 
 
 @dataclass(frozen=True, slots=True)
@@ -138,7 +138,7 @@ def _match_word(word: str, unit_text: str, schema: Sequence[Quantity]) -> tuple[
         raise InputError("columns.unknown_unit", text=unit_text, **values)
     for cut in range(len(word) - 1, 0, -1):
         for quantity in schema:
-            for base in (word[:cut], word[:cut].removesuffix("in")):  # such as ``time in ms``
+            for base in (word[:cut], word[:cut].removesuffix("in")):  # a header such as ``time in ms``
                 unit = UNIT_SPELLINGS.get(quantity.dimension, {}).get(word[cut:])
                 if base in quantity.spellings and unit is not None:
                     return quantity, unit, quantity.spellings.index(base)
@@ -362,9 +362,9 @@ def _listed(words: Sequence[str], limit: int = 40) -> dict[str, Any]:
     return {"known": tuple(word or "—" for word in words[:limit]), "more": max(0, len(words) - limit) or None}
 
 
-_ROWS = 50_000  # rows examined
+_ROWS = 50_000  # number of rows that are examined to identify columns by their values
 _GRAVITIES = (9.8, 1.0, 1000.0)  # gravity in m/s^2, g and mg
-_TOLERANCE = 0.05  # relative
+_TOLERANCE = 0.05  # relative tolerance of gravity
 _LAT, _LON, _HEIGHT, _SPAN = 90.0, 360.0, 1e5, 20.0  # largest values [deg], [m], and span of positions [deg]
 
 
@@ -424,7 +424,7 @@ def position_columns(table: Table) -> dict[str, str]:
 def _columns(table: Table) -> list[FloatArray]:
     try:
         numbers = table.cells.read(range(len(table.headers)))
-    except InputError:  # the table contains text
+    except InputError:  # a column contains text, not numbers
         return []
     return [numbers.columns[i][:_ROWS] for i in range(len(table.headers))]
 

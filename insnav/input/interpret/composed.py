@@ -52,7 +52,7 @@ _ECHOED = {
     | {3: "status.status", 5: "lat", 6: "lon", 7: "height", **{8 + i: f"covariance[{i}]" for i in (0, 4, 8)}},
 }
 _EARTH = 6.33e6, 6.48e6  # distances from the Earth's centre, up to 100 km height [m]
-_SHARE = 0.9  # least share of rows at these distances
+_SHARE = 0.9  # least share of rows at these distances, for Earth-fixed positions
 _HIGH = 2e4  # least Earth-fixed z [m]: map heights are smaller, even where a northing is the Earth's radius (57.5 deg)
 _TIME = tuple(quantity for quantity in IMU_SCHEMA if quantity.key == "time")
 
@@ -179,7 +179,7 @@ def _timed(table: Table, words: Sequence[str]) -> Table:
         if (named := _OF_TIME.fullmatch(word)) is not None:
             indices.setdefault({"min": "minute", "sec": "second"}.get(named[2], named[2]), i)
     time_columns = [i for i, word in enumerate(words) if not _OF_TIME.fullmatch(word) and _is_time(table.headers[i])]
-    if not time_columns and indices.keys() >= {*_DATE, *_CLOCK}:  # year to second in six columns
+    if not time_columns and indices.keys() >= {*_DATE, *_CLOCK}:  # six columns from year to second
         names = [*_DATE, *_CLOCK, *[_NANO] * (_NANO in indices)]
         parts = [indices[name] for name in names]
         values = _first(table, parts)
@@ -351,7 +351,7 @@ def _velocities(raw: dict[str, FloatArray], found: Mapping[str, Found]) -> list[
     if "vn" in raw or "ve" in raw or speed is None or course is None:
         unused = [found[key].header for key, column in (("speed", speed), ("course", course)) if column is not None]
         return [unused_columns(unused)] if unused and "vn" not in raw else []
-    speed = np.where(speed >= 0.0, speed, np.nan)  # negative: unknown
+    speed = np.where(speed >= 0.0, speed, np.nan)  # a negative speed marks an unknown speed
     known = np.isfinite(speed) & (np.isfinite(course) & (course >= 0.0) | (speed < _STILL))
     course = np.where(np.isfinite(course), course, 0.0)
     raw["vn"] = np.where(known, speed * np.cos(course), np.nan)

@@ -10,7 +10,7 @@ from insnav.exceptions import InputError
 from insnav.input.formats.time_scales import DAY, UNIX_DAYS, WEEK
 from insnav.types import GpsData, ImuData
 
-GPS_EPOCH = UNIX_DAYS * DAY  # 6 January 1980 in Unix time [s]
+GPS_EPOCH = UNIX_DAYS * DAY  # Unix time of 6 January 1980, the epoch of GPS time [s]
 HOUR, ZONE = 3600.0, 1800.0  # time zones differ by multiples of half an hour [s]
 LEAP = 18.0  # GPS minus UTC since 2017 [s]
 _MAX_OFFSET = 4e9  # largest offset between clocks that count seconds [s]

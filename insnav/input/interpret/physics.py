@@ -60,7 +60,7 @@ def _angles(text: str) -> FloatArray | None:
     return angles if angles.shape == (3,) and bool(np.all(np.abs(angles) <= 360.0)) else None
 
 
-_GRAVITY = 9.8  # [m/s^2]; on Earth 9.76 .. 9.83
+_GRAVITY = 9.8  # typical gravity on Earth, where it varies from 9.76 to 9.83 [m/s^2]
 _GRAVITY_TOLERANCE = 0.05
 _MIN_SHARE = 0.02  # share of quiet blocks that must show gravity
 _FAR_OFF = 0.5  # accelerometers of vehicles have a smaller relative error of the median
@@ -70,7 +70,7 @@ _MAX_RATE = 12.0  # no vehicle turns faster persistently [rad/s]
 _MAX_SENSOR_RATE = 70.0  # largest rate of usual sensors [rad/s]
 MAX_TURN_RATIO = 4.0  # factor by which a lever arm or a swaying vehicle may disturb the comparison with gravity
 _MAX_BLOCKS = 1000  # most blocks of `quiet_part` that are examined
-_MIN_STEPS = 10  # fewest rows to determine a time unit
+_MIN_STEPS = 10  # least number of rows that determine a time unit
 _REPEATED = 0.5  # a larger share of rows with the previous row's time shows a clock with too few digits
 _MAX_SAMPLES = 50_000  # most samples that are examined
 _MAX_GROUPS = 2000  # limits of the number of groups in `turn_ratio`
@@ -86,8 +86,8 @@ _COURSE_SPEED, _LONGEST_TURN = 3.0, 2.5  # least speed for a course [m/s], and l
 # largest ratio of sample-to-sample changes of two gyros with equal units; least ratio if one gyro is in deg/s
 _LIKE, _OTHER = 8.0, 20.0
 # The zero-rate output of the MPU-6050 is within 20 deg/s (InvenSense, PS-MPU-6000A, rev. 3.4, section 6.1).
-LARGEST_BIAS = 20.0 * DEG  # [rad/s]
-_LEVEL = 0.8  # cosine limit for a vertical axis
+LARGEST_BIAS = 20.0 * DEG  # largest plausible gyro bias [rad/s]
+_LEVEL = 0.8  # least cosine of the angle between a vertical axis and gravity
 
 _ACCEL_UNITS = ("m/s^2", "g", "mg", "ug", "mm/s^2", "ft/s^2")
 _DVEL_UNITS = ("m/s", "g*s")
@@ -168,8 +168,8 @@ def find_accel_unit(
             interval_s=interval,
             gives=gives,
         )
-    median_norm = float(np.median(other_type)) if increments else median_norm  # in units of the file
-    exchanged = abs(float(np.linalg.norm(quiet.rate)) / _GRAVITY - 1.0) < 0.5  # gravity in the gyro columns
+    median_norm = float(np.median(other_type)) if increments else median_norm  # again in units of the file
+    exchanged = abs(float(np.linalg.norm(quiet.rate)) / _GRAVITY - 1.0) < 0.5  # the gyro columns show gravity
     if not exchanged and float(np.linalg.norm(quiet.mean.mean(axis=0))) < _AIMLESS * float(norms.mean()):
         raise InputError("columns.gravity_removed", where=where, shown=median_norm)
     values = {"shown": median_norm, "unit": stated or "", "option": "--columns"}
@@ -357,7 +357,7 @@ def clock_digits(time: FloatArray) -> FloatArray | None:
     time = np.where(np.isfinite(time), time, np.nan)
     seconds = 3600.0 * (time // 10_000.0) + 60.0 * (time // 100.0 % 100.0) + time % 100.0
     steps = np.diff(seconds[np.isfinite(time)])
-    step, after_one = float(np.median(steps)), float(known.min()) >= 10_000.0  # from 01:00:00 on
+    step, after_one = float(np.median(steps)), float(known.min()) >= 10_000.0  # at or after 01:00:00
     usual = np.abs(steps[jumps] - step) < 0.5 * step
     if not jumps.any() or (np.count_nonzero(usual) < 2 and not after_one):
         return None
@@ -381,7 +381,7 @@ def find_time_unit(time: FloatArray, stated: str | None, *, slowest: float, wher
     # with few rows or digits, long steps do not exclude a unit; the cleaning of rows reports them
     few = len(time) < _MIN_STEPS or float(np.mean(np.diff(time[:_MAX_SAMPLES]) == 0.0)) > _REPEATED
     since = float(np.nanmedian(time[:_MAX_SAMPLES]))
-    dated = [unit for unit in fitting if 1e9 <= since * ALL_UNITS[unit][1] < 1e10]  # Unix time after 2001
+    dated = [unit for unit in fitting if 1e9 <= since * ALL_UNITS[unit][1] < 1e10]  # Unix time since 2001
     guess = dated[0] if dated else "s" if step < slowest or few else (fitting[0] if fitting else None)
     if stated is not None:
         if step * ALL_UNITS[stated][1] >= slowest and not few:

@@ -99,5 +99,5 @@ def _unit_table() -> dict[str, dict[str, str]]:
     return table
 
 
-# dimension -> compact spelling -> unit
+# unit by dimension and compact spelling
 UNIT_SPELLINGS: dict[str, dict[str, str]] = _unit_table()

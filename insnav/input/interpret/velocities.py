@@ -12,7 +12,7 @@ from insnav.types import FloatArray, IntArray
 from insnav.units import DEG
 
 SPAN = 2.0  # interval of position changes [s]: long against position noise, short against turns
-_FEWEST = 5  # least number of position changes
+_FEWEST = 5  # least number of position changes for any conclusion
 _FIRM = 3.0  # a change is significant beyond this multiple of the position scatter
 _SLOWEST = 1.0  # lower speeds are not used [m/s]
 # Limits of the median relative difference of velocities and position changes. The column names hold below the second
@@ -33,7 +33,7 @@ _LONG_ENOUGH = 60.0  # shortest record for scale errors [s]: lagging velocities 
 _SCALED, _SURE, _LASTING = 0.03, 6.0, 4.0
 _SIDE = 0.1  # largest median of lateral over forward speed: wheeled vehicles slip less than 6 deg
 _RADIANS = 180.0 / np.pi
-_EARTH_RADIUS = 6.37e6  # approximate [m]
+_EARTH_RADIUS = 6.37e6  # approximate radius for position changes [m]
 
 
 @dataclass(frozen=True, slots=True)

@@ -36,10 +36,10 @@ _FORCES = ("accel_x", "accel_y", "accel_z")
 _ANGLES = ("dtheta_x", "dtheta_y", "dtheta_z")
 _VELOCITIES = ("dvel_x", "dvel_y", "dvel_z")
 _SI_UNITS = {"gyro": "rad/s", "accel": "m/s^2"}
-_SENSIBLE = 1e12  # a larger number is damaged in any unit
-_BLOCK_ROWS = 1 << 13  # rows rotated together
-_SLOWEST = 0.5  # longest interval of an IMU [s]
-SLOWEST_ALONE = 45.0  # longest interval of a single sensor on the bench [s]
+_SENSIBLE = 1e12  # a larger number is damaged data, in any unit
+_BLOCK_ROWS = 1 << 13  # number of rows that are rotated together, to fit in the cache
+_SLOWEST = 0.5  # longest plausible sample interval of an IMU [s]
+SLOWEST_ALONE = 45.0  # longest plausible sample interval of a single sensor on the bench [s]
 
 
 def read_imu(

@@ -14,7 +14,7 @@ from insnav.input.formats.table import Table
 from insnav.input.interpret.columns import agrees, imu_columns, is_headerless, key_of, position_columns
 from insnav.input.interpret.schema import GPS_SCHEMA, IMU_SCHEMA, REFERENCE_SCHEMA, Quantity
 
-_LOOKED_AT = 100  # files of a folder that are examined
+_LOOKED_AT = 100  # largest number of files in a folder that are examined
 
 
 def kinds_of(tables: Mapping[str, Table], *, imu_known: bool = False) -> set[str]:

@@ -86,7 +86,7 @@ def read_gps(
     reading = read_positions(path, "GPS", GPS_SCHEMA, GPS_KINDS, columns=columns, height=height)
     read = reading.data
     heading = read.columns.get("heading")
-    heading = None if heading is None or not heading.any() else heading % (2.0 * np.pi)  # all zero: unknown
+    heading = None if heading is None or not heading.any() else heading % (2.0 * np.pi)  # only zeros: unknown
     sd = (read.stacked(_STANDARD_DEVIATIONS[:3]), read.stacked(_STANDARD_DEVIATIONS[3:]))
     seen = (each if each is not None and each.any() else None for each in map(read.columns.get, ("satellites", "dop")))
     data = GpsData(read.columns["time"], read.lla, read.v_n, *sd, reading.fix, heading, *seen)
@@ -236,7 +236,7 @@ def _no_position(raw: dict[str, FloatArray]) -> BoolArray:
     lat, lon = raw["lat"], raw["lon"]
     bad: BoolArray = ~(np.isfinite(lat) & np.isfinite(lon) & np.isfinite(raw["height"]))
     if "status" in raw:
-        bad |= raw.pop("status") < 0.0  # negative status in ROS: no fix
+        bad |= raw.pop("status") < 0.0  # a negative status in ROS means no fix
     origin = ~bad & (lat == 0.0) & (lon == 0.0)
     if not origin.any():
         return bad

@@ -23,12 +23,12 @@ class ReadingFacts:
     """Facts about a file that was read."""
 
     kind: str  # kind of the data, such as ``IMU``, ``GPS`` or ``reference``
-    path: str  # the file as given
+    path: str  # path of the file, as given by the user
     sha256: str  # digest of the file
     # number of rows in the file, and of rows kept in the data
     n_rows: int
     n_used: int
-    # first and last time [s]
+    # first and last time in the data [s]
     start_s: float
     end_s: float
     rate_hz: float  # inverse of the median interval [Hz]
@@ -90,7 +90,7 @@ def not_covered(imu: ReadingFacts, gps: ReadingFacts) -> list[Finding]:
 class Reading(Generic[T]):
     """Data from a file, with events and interpretation."""
 
-    data: T  # the data
+    data: T  # data of the kind that was read
     events: tuple[Finding, ...]  # dropped, sorted or missing rows, in order of time
     facts: ReadingFacts  # interpretation of the file
     # (n,) fix type of each row, if the file has any; -1 for an empty cell

@@ -23,11 +23,11 @@ from insnav.types import FloatArray
 
 LevelAxes = Literal["ENU", "NED"]
 
-_SLOWEST = 10.0  # longest interval between samples [s]
+_SLOWEST = 10.0  # longest plausible interval between samples [s]
 _SENSIBLE = 1e3  # a larger specific force is damaged data [m/s^2]
 _GRAVITY = (9.0, 10.6)  # range of the median vertical specific force, also in flight [m/s^2]
 SPECIFIC_FORCE_SCHEMA = schema("specific_force")
-_SLOWEST_HEIGHTS = 1000.0  # longest interval between heights [s]
+_SLOWEST_HEIGHTS = 1000.0  # longest plausible interval between heights [s]
 _HEIGHTS = ("height", "baro", "height_msl")  # keys of height columns, in order of preference
 _HEIGHT_SCHEMA = tuple({q.key: q for q in (*REFERENCE_SCHEMA, *IMU_SCHEMA) if q.key in ("time", *_HEIGHTS)}.values())
 _ORDER = {"ENU": ("f_east", "f_north", "f_up"), "NED": ("f_north", "f_east", "f_down")}
@@ -47,7 +47,7 @@ class Heights:
     """Heights over time, from a barometer or a surveyed profile."""
 
     time: FloatArray  # (n,) [s], strictly increasing
-    height: FloatArray  # (n,) as in the file [m]
+    height: FloatArray  # (n,) heights as in the file [m]
 
 
 def read_specific_force(
