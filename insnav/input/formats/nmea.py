@@ -43,7 +43,7 @@ _OTHERS = ("sd_n_m", "sd_e_m", "sd_d_m", "heading_deg", "satellites", "dop")
 
 def recognise(source: Source) -> bool:
     first = source.head.split(b"\n", 1)[0].decode("latin-1")
-    in_table = any(is_header(first, schema) for schema in (IMU_SCHEMA, GPS_SCHEMA))  # a table may hold sentences
+    in_table = any(is_header(first, schema) for schema in (IMU_SCHEMA, GPS_SCHEMA))  # a table may contain NMEA text
     return _ANY.search(source.head) is not None and not in_table
 
 

@@ -287,7 +287,7 @@ def require(
     if not missing:
         return
     headers, where = table.headers, table.name
-    # a needed column with an unknown unit is the reason, if there is one
+    # if a needed column has an unknown unit, this is the error
     for named, unit in zip(headers, table.units or [""] * len(headers), strict=False):
         try:
             match_header(named, missing, unit)

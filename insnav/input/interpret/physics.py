@@ -326,7 +326,7 @@ def check_axes(
     Raises: InputError: no axes were specified, and z points up without `any_way`.
     """
     norms = np.linalg.norm(quiet.mean, axis=1)[:, None]
-    direction = np.mean(quiet.mean / np.where(norms > 0.0, norms, 1.0), axis=0)  # a sensor without power: zeros
+    direction = np.mean(quiet.mean / np.where(norms > 0.0, norms, 1.0), axis=0)  # zeros of a sensor without power
     if direction[2] > _LEVEL and axes is None and not any_way:
         raise InputError("columns.axes_flu", where=where, direction=tuple(direction.tolist()), gives={"axes": "FLU"})
     code = Code.AXES_ASSUMED if axes is None else Code.AXES_BY_FORMAT if by_format else Code.AXES_GIVEN
@@ -357,7 +357,7 @@ def clock_digits(time: FloatArray) -> FloatArray | None:
     time = np.where(np.isfinite(time), time, np.nan)
     seconds = 3600.0 * (time // 10_000.0) + 60.0 * (time // 100.0 % 100.0) + time % 100.0
     steps = np.diff(seconds[np.isfinite(time)])
-    step, after_one = float(np.median(steps)), float(known.min()) >= 10_000.0  # at or after 01:00:00
+    step, after_one = float(np.median(steps)), float(known.min()) >= 10_000.0  # the first time is at or after 01:00:00
     usual = np.abs(steps[jumps] - step) < 0.5 * step
     if not jumps.any() or (np.count_nonzero(usual) < 2 and not after_one):
         return None

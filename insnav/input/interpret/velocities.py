@@ -15,8 +15,8 @@ SPAN = 2.0  # interval of position changes [s]: long against position noise, sho
 _FEWEST = 5  # least number of position changes for any conclusion
 _FIRM = 3.0  # a change is significant beyond this multiple of the position scatter
 _SLOWEST = 1.0  # lower speeds are not used [m/s]
-# Limits of the median relative difference of velocities and position changes. The column names hold below the second
-# limit. Another interpretation must be below the first, and below the third times the difference of the names.
+# Median relative difference of velocities and position changes: below the second limit, the column names are accepted.
+# Another interpretation needs less than the first limit, and less than the third times the difference by the names.
 _FITS, _WRONG, _BETTER = 0.2, 0.35, 0.35
 _UNITS = {unit: ALL_UNITS[unit][1] for unit in ("m/s", "km/h", "knot", "cm/s", "mm/s", "ft/s", "mph")}
 _LEAST_CLIMB = 0.01  # least RMS of height changes that determine the sign [m]

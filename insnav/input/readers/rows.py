@@ -148,7 +148,7 @@ _MADE_TIMES = {Code.TIME_TWO_COLUMNS, Code.TIME_FROM_PARTS, Code.TIME_FROM_TICKS
 # -999, 999, -9999, 9999, ... and -99; but not 99, which may be a standard deviation
 _MARKS = {sign * 10.0**digits - sign for sign in (-1.0, 1.0) for digits in (3, 4, 5, 6)} | {-99.0}
 _FAR = 0.2  # largest other value, as a fraction of the placeholder
-_LEAST_ALONE = 100.0  # a larger placeholder needs only one row, except in times
+_LEAST_ALONE = 100.0  # a placeholder beyond this is recognised in a single row, except in times
 _FORMS = {  # text that a column may contain instead of numbers
     "time": ("date and time", "time of day"),
     "date": ("date",),
