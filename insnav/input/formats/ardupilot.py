@@ -31,7 +31,7 @@ _SYNC = b"\xa3\x95"
 _FMT = np.dtype(
     [("head", "S3"), ("type", "u1"), ("length", "u1"), ("name", "S4"), ("format", "S16"), ("columns", "S64")]
 )
-# letter of a format -> type, and unit factor
+# format letter of a field -> type, and unit factor
 _LETTERS: dict[str, tuple[str, float]] = {
     "b": ("i1", 1.0), "B": ("u1", 1.0), "M": ("u1", 1.0), "h": ("<i2", 1.0), "H": ("<u2", 1.0), "i": ("<i4", 1.0),
     "I": ("<u4", 1.0), "f": ("<f4", 1.0), "d": ("<f8", 1.0), "q": ("<i8", 1.0), "Q": ("<u8", 1.0), "c": ("<i2", 0.01),
@@ -70,15 +70,15 @@ def read(source: Source) -> Mapping[str, Table]:
 
 
 def _instances(messages: Mapping[str, _Columns], kind: str) -> dict[int, _Columns]:
-    """Return the messages of each sensor of a kind: by an instance column, or IMU, IMU2, IMU3 in older logs."""
-    found: dict[int, _Columns] = {}
+    """Return the messages of each sensor of a kind, by instance column, or by the names IMU, IMU2, IMU3 of old logs."""
+    by_number: dict[int, _Columns] = {}
     for name, data in messages.items():
         if name.startswith(kind):
             number = int(name[len(kind) :] or 1) - 1
-            which = data.get("I", np.full(len(data["time"]), float(number)))
-            for each in np.unique(which[np.isfinite(which)]).tolist():
-                found.setdefault(int(each), {key: column[which == each] for key, column in data.items()})
-    return dict(sorted(found.items()))
+            instances = data.get("I", np.full(len(data["time"]), float(number)))
+            for each in np.unique(instances[np.isfinite(instances)]).tolist():
+                by_number.setdefault(int(each), {key: column[instances == each] for key, column in data.items()})
+    return dict(sorted(by_number.items()))
 
 
 def _binary(source: Source) -> dict[str, _Columns]:
@@ -103,15 +103,15 @@ def _binary(source: Source) -> dict[str, _Columns]:
 
 
 def _whole(source: Source, kind: bytes, size: int) -> Any:
-    """Select messages of a kind that end at another message or at the file end; (n, size)."""
+    """Select the messages ``(n, size)`` of a kind that are followed by another message or by the end of the file."""
     data = source.data
-    at = starts(data, _SYNC + kind)
-    at = at[at <= len(data) - size]
+    positions = starts(data, _SYNC + kind)
+    positions = positions[positions <= len(data) - size]
     stream = np.frombuffer(data, dtype=np.uint8)
-    end = at + size
+    end = positions + size
     last = len(data) - 1
     follows = (stream[np.minimum(end, last)] == _SYNC[0]) & (stream[np.minimum(end + 1, last)] == _SYNC[1])
-    return gathered(data, at[follows | (end >= last)], size)
+    return gathered(data, positions[follows | (end >= last)], size)
 
 
 def _text(source: Source) -> dict[str, _Columns]:
@@ -127,7 +127,7 @@ def _text(source: Source) -> dict[str, _Columns]:
             except ValueError:
                 continue
             kept = rows.setdefault(words[0], [])
-            if not kept or len(kept[0]) == len(numbers):  # another FMT may follow
+            if not kept or len(kept[0]) == len(numbers):  # a later FMT may change the number of columns
                 kept.append(numbers)
     found = {key: _scaled(dict(zip(columns[key], np.array(v).T, strict=False))) for key, v in rows.items()}
     return {key: data for key, data in found.items() if data}
@@ -135,11 +135,11 @@ def _text(source: Source) -> dict[str, _Columns]:
 
 def _scaled(data: Mapping[str, Any]) -> _Columns:
     """Convert columns to numbers, with the time in seconds as ``time``."""
-    found = {key: np.asarray(column, dtype=np.float64) for key, column in data.items()}
+    columns = {key: np.asarray(column, dtype=np.float64) for key, column in data.items()}
     for key, unit in (("TimeUS", 1e-6), ("TimeMS", 1e-3)):
-        if key in found:
-            found["time"] = unit * found[key]
-    return found if "time" in found else {}
+        if key in columns:
+            columns["time"] = unit * columns[key]
+    return columns if "time" in columns else {}
 
 
 def _fixes(source: Source, data: _Columns, accuracy: _Columns) -> Table:

@@ -27,13 +27,13 @@ DVEL = ("dvel_x_m_s", "dvel_y_m_s", "dvel_z_m_s")
 PLACE, MSL_PLACE = (("lat_deg", "lon_deg", height) for height in ("height_m", "height_msl_m"))
 VELOCITY = ("vn_m_s", "ve_m_s", "vd_m_s")
 ATTITUDE = ("roll_deg", "pitch_deg", "heading_deg")
-# fix types of controllers and phones: 2D, 3D, DGPS, RTK float, RTK fixed
+# codes of flight controllers and phones (2D, 3D, DGPS, RTK float, RTK fixed) -> fix type
 FIX_TYPES = {2: 5.0, 3: 5.0, 4: 4.0, 5: 2.0, 6: 1.0}
-_LONGEST_SD = 1e4  # a larger standard deviation means unknown [m], [m/s]
+_LONGEST_SD = 1e4  # a larger standard deviation marks an unknown accuracy [m], [m/s]
 
 
 def up_or_down(accel_z: FloatArray, up: str, down: str = "FRD") -> str:
-    """Choose the axes of samples ``(n,)`` in a format that defines z up, while many files have z down."""
+    """Return the axes `up` of a format, or `down` if specific force along z ``(n,)`` shows that z points down."""
     known = accel_z[np.isfinite(accel_z)]
     return down if len(known) and float(np.median(known)) < -4.9 else up
 
@@ -52,20 +52,17 @@ def triad(names: tuple[str, ...], values: FloatArray) -> dict[str, FloatArray]:
 
 
 def deviations(sd: FloatArray, names: str) -> dict[str, FloatArray]:
-    """Split standard deviations North, East, Down ``(n, 3)`` into named columns, ``NaN`` if invalid.
-
-    `names`: such as ``sd_{}_m``.
-    """
+    """Split standard deviations North, East, Down ``(n, 3)`` into columns (``sd_{}_m``); invalid values are NaN."""
     with np.errstate(invalid="ignore"):
         known = np.where((sd > 0.0) & (sd < _LONGEST_SD), sd, np.nan)
     return {names.format(axis): known[:, i] for i, axis in enumerate("ned")}
 
 
 def by_accuracy(horizontal: FloatArray, vertical: FloatArray, speed: FloatArray | None = None) -> dict[str, FloatArray]:
-    """Convert reported accuracies ``(n,)`` to standard deviation columns; a distance is ``sqrt(2)`` times an axis."""
-    side = horizontal / np.sqrt(2.0)
-    found = deviations(np.column_stack([side, side, vertical]), "sd_{}_m")
-    return found if speed is None else found | deviations(np.column_stack([speed / np.sqrt(2.0)] * 3), "sd_v{}_m_s")
+    """Convert accuracies ``(n,)`` to standard deviations along axes: horizontal and speed accuracies over sqrt(2)."""
+    axis_sd = horizontal / np.sqrt(2.0)
+    columns = deviations(np.column_stack([axis_sd, axis_sd, vertical]), "sd_{}_m")
+    return columns if speed is None else columns | deviations(np.column_stack([speed / np.sqrt(2.0)] * 3), "sd_v{}_m_s")
 
 
 def of_course(speed: FloatArray, course: FloatArray, down: FloatArray) -> dict[str, FloatArray]:
@@ -75,11 +72,11 @@ def of_course(speed: FloatArray, course: FloatArray, down: FloatArray) -> dict[s
 
 
 def with_force(columns: dict[str, FloatArray], time: FloatArray, force: FloatArray) -> dict[str, FloatArray]:
-    """Add accelerations ``(m, 3)`` at other times ``(m,)`` to gyro columns, by interpolation."""
-    at = columns["time_s"]
-    found = columns | {key: at_times(at, time, force[:, i]) for i, key in enumerate(ACCEL)}
-    inside = (at >= np.nanmin(time)) & (at <= np.nanmax(time))
-    return {key: np.ascontiguousarray(column[inside]) for key, column in found.items()}
+    """Interpolate accelerations ``(m, 3)`` from times ``(m,)`` to gyro columns; rows outside are dropped."""
+    base_time = columns["time_s"]
+    merged = columns | {key: at_times(base_time, time, force[:, i]) for i, key in enumerate(ACCEL)}
+    inside = (base_time >= np.nanmin(time)) & (base_time <= np.nanmax(time))
+    return {key: np.ascontiguousarray(column[inside]) for key, column in merged.items()}
 
 
 def fix_table(
@@ -95,23 +92,23 @@ def fix_table(
 ) -> Table:
     """Build a table of fixes without invalid rows.
 
-    `kind` (n,): in the format's own codes, NaN of invalid rows. `types`: fix types of valid kinds.
+    `kind` (n,): code of the fix in the format, NaN for invalid rows. `types`: fix type by valid code.
     """
-    fix = np.array([types.get(int(each), 0.0) if each == each else 0.0 for each in kind], dtype=np.float64)
+    fix = np.array([types.get(int(code), 0.0) if code == code else 0.0 for code in kind], dtype=np.float64)
     kept = fix > 0.0
-    found = {key: np.asarray(column[kept], dtype=np.float64) for key, column in {**columns, "fix": fix}.items()}
-    return column_table(source, found, [*notes, without_fix(kept)], row=row, cut=cut, week=week)
+    valid = {key: np.asarray(column[kept], dtype=np.float64) for key, column in {**columns, "fix": fix}.items()}
+    return column_table(source, valid, [*notes, without_fix(kept)], row=row, cut=cut, week=week)
 
 
 def without_fix(kept: NDArray[np.bool_]) -> Finding | None:
-    """Report epochs ``(n,)`` dropped without fix, if any."""
+    """Report epochs that are dropped because they have no fix; `kept` ``(n,)`` marks the other epochs."""
     lost = int(np.count_nonzero(~kept))
     return Finding.of(Code.READ_ROWS_NO_FIX, count=lost, rows=len(kept)) if lost else None
 
 
 @contextmanager
 def damaged(code: str, source: Source, **values: Any) -> Iterator[None]:
-    """Convert any error of a library on a file to an `InputError`."""
+    """Convert any error that a library raises on a damaged file to an `InputError`."""
     try:
         yield
     except (InsnavError, ImportError):
@@ -125,29 +122,29 @@ def damaged(code: str, source: Source, **values: Any) -> Iterator[None]:
 class TextColumns:
     """Columns of a text file, read together so that all end at the same row."""
 
-    columns: Mapping[str, FloatArray]  # (n,) by header in small letters
-    headers: tuple[str, ...]  # of the file
+    columns: Mapping[str, FloatArray]  # (n,) by header in lower-case letters
+    headers: tuple[str, ...]  # all headers of the file
     cut: Finding | None  # reason for dropping the last row, if dropped
 
     def named(self, wanted: Mapping[str, str]) -> dict[str, FloatArray]:
-        """Rename columns, if present, ignoring the case of their headers."""
+        """Return columns under new names (`wanted`: name to header), ignoring case; missing columns are omitted."""
         return {key: self.columns[h.lower()] for key, h in wanted.items() if h.lower() in self.columns}
 
 
 def text_columns(table: Table, headers: Iterable[str]) -> TextColumns:
-    """Read the requested numeric columns that a table has."""
-    there = {header.strip().lower(): index for index, header in enumerate(table.headers)}
-    found = {header.lower(): there[header.lower()] for header in headers if header.lower() in there}
-    numbers = table.cells.read(sorted(set(found.values()))) if found else Numbers({}, 0)
-    columns = {header: numbers.columns[index] for header, index in found.items()}
+    """Read the requested numeric columns, as far as a table contains them."""
+    present = {header.strip().lower(): index for index, header in enumerate(table.headers)}
+    indices = {header.lower(): present[header.lower()] for header in headers if header.lower() in present}
+    numbers = table.cells.read(sorted(set(indices.values()))) if indices else Numbers({}, 0)
+    columns = {header: numbers.columns[index] for header, index in indices.items()}
     return TextColumns(columns, table.headers, numbers.cut)
 
 
 def level_covariance(covariance: FloatArray, lla: FloatArray) -> FloatArray:
-    """Convert Earth-fixed covariances ``(n, 3, 3)`` to standard deviations North, East, Down; zero if negative.
+    """Convert Earth-fixed covariances ``(n, 3, 3)`` to sd North, East, Down; a negative variance becomes zero.
 
     `lla` (n, 3): latitude, longitude [rad], height [m].
     """
-    turn = level_from_earth(lla)
-    variance: FloatArray = np.einsum("nij,njk,nik->ni", turn, covariance, turn)
+    to_level = level_from_earth(lla)
+    variance: FloatArray = np.einsum("nij,njk,nik->ni", to_level, covariance, to_level)
     return np.sqrt(np.maximum(variance, 0.0))

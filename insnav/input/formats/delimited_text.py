@@ -1,4 +1,4 @@
-"""Tables of delimited text: read fast with Arrow, and slowly to locate an error by line and column."""
+"""Tables of delimited text: Arrow reads them fast; if it fails, a slow reader finds the error's line and column."""
 
 from __future__ import annotations
 
@@ -34,12 +34,12 @@ csv = library("pyarrow.csv")
 name = "delimited text"
 suffixes = (".csv", ".txt")
 
-_BLOCK_BYTES, _BLOCKS = 1 << 20, 8  # size, and number read before their memory is released
-_SAMPLE_BYTES = 1 << 16
-_TAIL_BYTES = 1 << 13
+_BLOCK_BYTES, _BLOCKS = 1 << 20, 8  # size of a block, and number of blocks before memory is released
+_SAMPLE_BYTES = 1 << 16  # bytes examined at the start of a text
+_TAIL_BYTES = 1 << 13  # bytes examined at the end of a text
 _TAIL_ROWS = 20
 _FIRST_ROWS = 20
-_LONGEST_WAIT = 1.0  # for a thread that still uses data [s]
+_LONGEST_WAIT = 1.0  # for a thread of Arrow that still uses the data [s]
 T = TypeVar("T")
 
 
@@ -58,7 +58,7 @@ def read(source: Source) -> Mapping[str, Table]:
 
 @dataclass(frozen=True, slots=True)
 class TextCells:
-    """Rows of delimited text, in memory or mapped, and the number of zero bytes after it."""
+    """Rows of delimited text, in memory or mapped; `zeros`: number of zero bytes after the text."""
 
     name: str
     text: bytes | mmap.mmap
@@ -73,12 +73,12 @@ class TextCells:
     def read(self, indices: Sequence[int]) -> Numbers:
         """See `insnav.input.formats.table.Cells`."""
         if self.dialect.delimiter == " ":
-            rows = (re.sub(rb"(?m)^[ \t]+|[ \t]+(?=\r?$)", b"", each) for each in self._pieces())
-            text = spill.together(re.sub(rb"[ \t]+", b";", each) for each in rows)
+            rows = (re.sub(rb"(?m)^[ \t]+|[ \t]+(?=\r?$)", b"", piece) for piece in self._pieces())
+            text = spill.together(re.sub(rb"[ \t]+", b";", piece) for piece in rows)
             return replace(self, text=text, dialect=replace(self.dialect, delimiter=";", offset=0)).read(indices)
         texts = self._texts(indices)
         plain = [i for i in indices if i not in texts]
-        # Arrow gives no error position, and handles no comments, truncated rows or rows without numbers.
+        # Arrow fails on comments, truncated rows and invalid rows, and gives no position: then the slow reader follows.
         numbers = (_if_valid(_read_fast, self.text, self.dialect, plain) if plain else None) or self._scan(plain)
         if not numbers.cut and (cut := self._cut_number(plain, numbers.n_rows)):
             numbers = Numbers({i: c[:-1] for i, c in numbers.columns.items()}, numbers.n_rows - 1, cut)
@@ -107,8 +107,8 @@ class TextCells:
             read = {i: pa.array([row[i] if len(row) > i else "" for row in rows]) for i in texts}
         columns, forms = dict(numbers.columns), {}
         for i, column in read.items():
-            found = values_of(column.slice(0, numbers.n_rows), f"{self.name}: column {self.dialect.headers[i]!r}")
-            columns[i], forms[i] = found.values, found
+            converted = values_of(column.slice(0, numbers.n_rows), f"{self.name}: column {self.dialect.headers[i]!r}")
+            columns[i], forms[i] = converted.values, converted
         return replace(numbers, columns=columns, texts=forms)
 
     def _rows(self) -> Iterator[tuple[int, str]]:
@@ -121,16 +121,16 @@ class TextCells:
                     yield number, text
 
     def _pieces(self) -> Iterator[bytes]:
-        """Yield the rows in pieces of whole lines: as a whole, a large file would fill the memory."""
-        at = self.dialect.offset
-        while at < len(self.text):
-            end = self.text.find(b"\n", at + _BLOCK_BYTES) + 1 or len(self.text)
-            yield self.text[at:end]
+        """Yield the rows in pieces of whole lines, since a large file as a whole would fill the memory."""
+        start = self.dialect.offset
+        while start < len(self.text):
+            end = self.text.find(b"\n", start + _BLOCK_BYTES) + 1 or len(self.text)
+            yield self.text[start:end]
             spill.release()
-            at = end
+            start = end
 
     def _scan(self, indices: Sequence[int]) -> Numbers:
-        """Read row by row; slow, but locates the first bad cell."""
+        """Read row by row, slowly, to locate the first invalid cell."""
         rows, ahead = itertools.tee(self._rows())
         next(ahead, None)
         headers = self.dialect.headers
@@ -151,7 +151,7 @@ class TextCells:
                     text=plain_text(text)[:80],
                 )
             n += 1
-            if tuple(cells) == headers:  # a repeated header, as in joined files
+            if tuple(cells) == headers:  # repeated header row, as in concatenated files
                 for column in values:
                     column.append(np.nan)
                 continue
@@ -168,7 +168,7 @@ class TextCells:
         return _as_numbers(values, indices, n, None)
 
     def _cut(self, **values: Any) -> Finding:
-        """Report a dropped last row."""
+        """Build the finding for a last row that is dropped because it is truncated."""
         return Finding.of(Code.ROWS_CUT, file=PurePath(self.name).name, **values)
 
     def _ends_line(self) -> bool:
@@ -177,7 +177,7 @@ class TextCells:
     def _cut_number(self, indices: Sequence[int], n_rows: int) -> Finding | None:
         """Detect a truncated last number.
 
-        A missing line end is ambiguous: a last cell shorter than all cells above counts as truncated.
+        Without a line end at the end of the file, the last cell is truncated if all cells above it are longer.
         """
         last = len(self.dialect.headers) - 1
         if last not in indices or n_rows < 4 or self._ends_line():
@@ -186,7 +186,7 @@ class TextCells:
         lines = [t.decode("utf-8", "replace") for t in self.text[start:].splitlines() if t.strip()]
         rows = lines[-(_TAIL_ROWS + 1) :] if start == self.dialect.offset else lines[1:][-(_TAIL_ROWS + 1) :]
         cells = (split_line(row, self.dialect.delimiter) for row in rows)
-        widths = [len(each[last]) for each in cells if len(each) > last]
+        widths = [len(row[last]) for row in cells if len(row) > last]
         if len(widths) > 3 and 0 < widths[-1] < min(widths[:-1]):
             return self._cut(characters=widths[-1], limit_characters=min(widths[:-1]))
         return None
@@ -197,16 +197,16 @@ def _if_valid(
 ) -> T | None:
     """Read with Arrow; None if it fails.
 
-    Arrow reads ahead in a thread, which needs the interpreter to release the data. If the interpreter ends meanwhile,
-    as after an error, the process aborts. The function therefore waits for the thread.
+    Arrow reads ahead in a thread, which needs the interpreter to release the data. If the interpreter ends before, as
+    after an error, the process aborts. Therefore, this function waits until the thread has released the data.
     """
-    held, found = sys.getrefcount(data), None
+    references, result = sys.getrefcount(data), None
     with contextlib.suppress(pa.ArrowInvalid):
-        found = read(data, dialect, indices)
+        result = read(data, dialect, indices)
     until = time.monotonic() + _LONGEST_WAIT
-    while sys.getrefcount(data) > held and time.monotonic() < until:
+    while sys.getrefcount(data) > references and time.monotonic() < until:
         time.sleep(1e-4)
-    return found
+    return result
 
 
 def _read_fast(data: object, dialect: Dialect, indices: Sequence[int]) -> Numbers:
@@ -216,7 +216,7 @@ def _read_fast(data: object, dialect: Dialect, indices: Sequence[int]) -> Number
     how = {"null_values": [""], "decimal_point": dialect.decimal, "check_utf8": False}
     stream = csv.open_csv(pa.BufferReader(body), **_options(dialect, indices, pa.float64(), **how))
     start = bytes(body[:_SAMPLE_BYTES])
-    rows = int(1.1 * body.size / len(start) * (start.count(b"\n") + 1)) + 1  # memory is allocated on first use
+    rows = int(1.1 * body.size / len(start) * (start.count(b"\n") + 1)) + 1  # unused rows take no memory
     columns = [spill.empty((rows,)) for _ in indices]
     n = 0
     with stream:

@@ -31,7 +31,7 @@ def read(source: Source) -> Mapping[str, Table]:
 
 
 def _tables(source: Source) -> dict[str, str]:
-    """Return the file of each IMU folder."""
+    """Return the path of the data file in each IMU folder."""
     parts = {path: path.split("/") for path in source.members}
     return {
         part[-2]: path

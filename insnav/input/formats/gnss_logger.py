@@ -28,7 +28,7 @@ name = "Android GnssLogger file"
 _HEADER = re.compile(rb"^#[ \t]*(Fix|UncalAccel|UncalGyro|Accel|Gyro),(.*?)[ \t]*\r?$", re.M)
 _MESSAGES = re.compile(rb"\A(?:\xef\xbb\xbf)?MessageType,(utcTimeMillis,[^\r\n]*MeasurementX,.*?)[ \t]*\r?$", re.M)
 _LINE = re.compile(rb"^(Fix|UncalAccel|UncalGyro|Accel|Gyro),(.*?)\r?$", re.M)
-# columns by meaning, in the spellings of all versions
+# column -> its names in all versions of the file
 _FIX = {
     "lat_deg": ("LatitudeDegrees", "Latitude"),
     "lon_deg": ("LongitudeDegrees", "Longitude"),
@@ -54,7 +54,7 @@ def recognise(source: Source) -> bool:
 
 def read(source: Source) -> Mapping[str, Table]:
     columns = {
-        kind.decode(): [each.strip() for each in names.decode("latin-1").split(",")]
+        kind.decode(): [name.strip() for name in names.decode("latin-1").split(",")]
         for kind, names in _HEADER.findall(source.head)
         or [(kind, names) for names in _MESSAGES.findall(source.head) for kind in (b"UncalAccel", b"UncalGyro")]
     }
@@ -84,13 +84,13 @@ def _numbers(rows: list[list[str]], index: int) -> FloatArray:
 def _sensor(
     columns: Mapping[str, list[str]], lines: Mapping[str, list[list[str]]], kinds: tuple[tuple[str, str], ...]
 ) -> FloatArray | None:
-    """Read time [s] and values along x, y, z of a sensor, (n, 4); None if absent."""
+    """Read time [s] and values along x, y, z of a sensor ``(n, 4)``; None if the file lacks the sensor."""
     for kind, template in kinds:
         names = columns.get(kind, [])
         wanted = [template.format(axis) for axis in "XYZ"]
-        time = next((each for each in _TIMES if each in names), "")
-        if time and all(each in names for each in wanted) and kind in lines:
-            found = np.column_stack([_numbers(lines[kind], names.index(each)) for each in (time, *wanted)])
+        time = next((name for name in _TIMES if name in names), "")
+        if time and all(name in names for name in wanted) and kind in lines:
+            found = np.column_stack([_numbers(lines[kind], names.index(name)) for name in (time, *wanted)])
             found = found[np.isfinite(found).all(axis=1)]
             if len(found):
                 return found * [1e-3, 1.0, 1.0, 1.0]
@@ -99,14 +99,14 @@ def _sensor(
 
 def _fixes(source: Source, names: list[str], rows: list[list[str]]) -> Table:
     found = {
-        key: _numbers(rows, names.index(each)) for key, spellings in _FIX.items() for each in spellings if each in names
+        key: _numbers(rows, names.index(name)) for key, spellings in _FIX.items() for name in spellings if name in names
     }
     if "time_ms" not in found:
         raise InputError("format.gnss_logger_no_time", where=source.name, columns=tuple(names))
     providers = [row[0].strip().lower() for row in rows]
-    best = next((each for each in ("gps", "flp", "fused") if each in providers), providers[0])
-    mine = np.array([each == best for each in providers]) & np.isfinite(found["time_ms"])
-    found = {key: column[mine] for key, column in found.items()}
+    best = next((provider for provider in ("gps", "flp", "fused") if provider in providers), providers[0])
+    of_best = np.array([provider == best for provider in providers]) & np.isfinite(found["time_ms"])
+    found = {key: column[of_best] for key, column in found.items()}
     columns = {"time_s": 1e-3 * found.pop("time_ms"), **found}
     chosen = Finding.of(Code.READ_SOURCE, subject=plain_text(best), count=len(set(providers)))
     return column_table(source, columns, [Finding.of(Code.READ_TIME_UNIX), chosen], row="Fix")

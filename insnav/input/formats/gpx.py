@@ -24,7 +24,7 @@ suffixes = (".gpx",)
 
 _POINT = re.compile(
     rb"<(?:\w+:)?trkpt\b([^>]*?)(?:/>|>(.*?)</(?:\w+:)?trkpt>)", re.S
-)  # xml.etree would need twice the memory
+)  # a regular expression: xml.etree would need twice the memory
 _NUMBER = rb"""\s*=\s*["']\s*([-+0-9.eE]+)\s*["']"""
 _LAT, _LON = re.compile(rb"\blat" + _NUMBER), re.compile(rb"\blon" + _NUMBER)
 _ELEVATION = re.compile(rb"<(?:\w+:)?ele>\s*([-+0-9.eE]+)\s*<")
@@ -56,20 +56,20 @@ def read(source: Source) -> Mapping[str, Table]:
 
 
 def _number(pattern: re.Pattern[bytes], text: bytes) -> float:
-    found = pattern.search(text)
-    return number_in(found[1]) if found else float("nan")
+    match = pattern.search(text)
+    return number_in(match[1]) if match else float("nan")
 
 
 def _instant(text: bytes) -> int | None:
-    """Parse a time as Unix time [ns]."""
-    found = _TIME.search(text)
-    if found is None:
+    """Parse a time of a point as Unix time [ns]; None if it is missing or invalid."""
+    match = _TIME.search(text)
+    if match is None:
         return None
     try:
-        instant = int(np.datetime64(found[1].decode(), "ns").astype(np.int64))
+        instant = int(np.datetime64(match[1].decode(), "ns").astype(np.int64))
     except ValueError:
         return None
-    zone = (found[2] or b"Z").replace(b":", b"")
+    zone = (match[2] or b"Z").replace(b":", b"")
     if zone == b"Z":
         return instant
     minutes = 60 * int(zone[1:3]) + int(zone[3:5])

@@ -30,7 +30,7 @@ name = "Inertial Explorer export"
 _PROGRAM = re.compile(rb"^Program:[ \t]*(?:Inertial Explorer|GrafNav|GrafNet)", re.M)
 _HEADER = re.compile(rb"^([^\n]*\b(?:GPS|Corr|UTC)Time?\b[^\n]*)\n([^\n]*\([^\n]*)\n", re.M)
 _FIRST, _BEHIND = re.compile(rb"^[ \t]*[-+\d]", re.M), re.compile(rb"^[ \t]*(?:[^-+\d\s]|\r?$)", re.M)
-# columns by meaning, in lower case without symbols
+# key -> column names in the export, in lower case without symbols
 _NAMES: dict[str, tuple[str, ...]] = {
     "week": ("week",), "tow": ("gpstime", "gpstim", "corrtime", "corrtim"), "utc": ("utctime", "utctim"),
     "lat_deg": ("latitude",), "lon_deg": ("longitude",), "height_m": ("hell",), "height_msl_m": ("hmsl", "hort"),
@@ -65,7 +65,7 @@ def read(source: Source) -> Mapping[str, Table]:
 
 
 def _columns(source: Source) -> tuple[dict[str, FloatArray], Finding | None]:
-    """Read the columns of the export by meaning; report a dropped last row."""
+    """Read the columns of the export by key of `_NAMES`; report a truncated last row."""
     text, zeros = text_of(source)
     header = _HEADER.search(text)
     first = None if header is None else _FIRST.search(text, header.end())
@@ -73,24 +73,24 @@ def _columns(source: Source) -> tuple[dict[str, FloatArray], Finding | None]:
         raise InputError("format.explorer_no_table", where=source.name)
     delimiter = "," if b"," in header[1] else " "
     words = plain_text(header[1].decode("latin-1"))
-    names = [re.sub(r"\W", "", each).lower() for each in words.split("," if delimiter == "," else None)]
+    names = [re.sub(r"\W", "", word).lower() for word in words.split("," if delimiter == "," else None)]
     if b"D M S" in header[2]:
         if delimiter == ",":
             raise InputError("format.explorer_sexagesimal", where=source.name)
         thirds = {"latitude": ["latitude", "lat1", "lat2"], "longitude": ["longitude", "lon1", "lon2"]}
-        names = [each for word in names for each in thirds.get(word, [word])]
-    behind = _BEHIND.search(text, first.start())
-    offset, end = first.start(), len(text) if behind is None else behind.start()
+        names = [name for word in names for name in thirds.get(word, [word])]
+    after_table = _BEHIND.search(text, first.start())
+    offset, end = first.start(), len(text) if after_table is None else after_table.start()
     dialect = Dialect(delimiter, ".", tuple(names), None, offset, text[:offset].count(b"\n") + 1)
-    places = {key: names.index(each) for key, known in _NAMES.items() for each in known if each in names}
-    minutes: dict[str, int] = {each: names.index(each) for each in ("lat1", "lat2", "lon1", "lon2") if each in names}
+    places = {key: names.index(name) for key, known in _NAMES.items() for name in known if name in names}
+    minutes: dict[str, int] = {name: names.index(name) for name in ("lat1", "lat2", "lon1", "lon2") if name in names}
     indices = sorted({*places.values(), *minutes.values()})
     numbers = TextCells(source.name, text[:end], dialect, zeros).read(indices)
     data = {key: numbers.columns[index] for key, index in places.items()}
     for key, part in (("lat_deg", "lat"), ("lon_deg", "lon")):
         if key in data and f"{part}1" in minutes:
-            one, two = (numbers.columns[minutes[f"{part}{i}"]] for i in (1, 2))
-            data[key] = data[key] + np.copysign(one / 60.0 + two / 3600.0, data[key])
+            minute, second = (numbers.columns[minutes[f"{part}{i}"]] for i in (1, 2))
+            data[key] = data[key] + np.copysign(minute / 60.0 + second / 3600.0, data[key])
     return data, numbers.cut
 
 

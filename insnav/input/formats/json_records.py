@@ -1,7 +1,7 @@
-"""JSON: a document with arrays of records (bdd100k, Sensor Logger), or one record a line (openpilot, any logger).
+"""JSON: a document with arrays of records (bdd100k, Sensor Logger), or one record per line (openpilot, any logger).
 
-Records of one sensor become a table, named by their array, by their only structure, or by ``sensor`` and the like. All
-tables together are read as a folder of sensors.
+Records of one sensor become a table, named by their array, by their only nested structure, or by a text of the record
+(``sensor``, ``topic``, ...). All tables together are read as a folder of sensors.
 
 References
 ----------
@@ -31,9 +31,9 @@ suffixes = (".json", ".jsonl")
 
 _START = re.compile(rb'\s*(\[\s*)?\{\s*"')
 _DECODER, _SPACE = json.JSONDecoder(), re.compile(r"[\s,]*")
-_KINDS = ("sensor", "topic", "type", "name", "kind")  # text that names the sensor of a record
+_KINDS = ("sensor", "topic", "type", "name", "kind")  # keys of the text that names the sensor of a record
 _MEMORY = 10  # bytes in memory per byte of the file: a number of 8 characters takes 24 bytes, its name a reference
-_LISTED, _DEEPEST = 9, 8  # longest list of numbers, such as a covariance matrix, and levels of structures
+_LISTED, _DEEPEST = 9, 8  # longest list of numbers, such as a covariance matrix, and most levels of structures
 _Record = dict[str, Any]
 _key_of = functools.cache(functools.partial(key_of, schema=IMU_SCHEMA))
 
@@ -53,62 +53,62 @@ def read(source: Source) -> Mapping[str, Table]:
     files = {f"{kind}.csv": functools.partial(_as_text, source, kind, rows) for kind, rows in tables.items()}
     if not files:
         raise InputError("format.json_no_records", where=source.name)
-    found = delimited_text.read(files.popitem()[1]()) if len(files) == 1 else tables_of(replace(source, members=files))
-    given = delimited_text.name  # defines neither units nor datum
-    return {p: replace(t, notes=(*t.notes, *cut), name=source.name, format=t.format or given) for p, t in found.items()}
+    parts = delimited_text.read(files.popitem()[1]()) if len(files) == 1 else tables_of(replace(source, members=files))
+    given = delimited_text.name  # name of a format that defines no units and no height datum
+    return {p: replace(t, notes=(*t.notes, *cut), name=source.name, format=t.format or given) for p, t in parts.items()}
 
 
 def _documents(source: Source) -> tuple[list[Any], list[Finding]]:
-    """Parse one document, or many in a row; the last of many may be truncated."""
+    """Parse one document, or many one after the other; the last one of many may be truncated, with a finding."""
     text, documents = bytes(decoded(source.data)).decode("utf-8", "replace").rstrip("\0 \r\n"), list[Any]()
-    at = 0
-    while at < len(text):
+    position = 0
+    while position < len(text):
         try:
-            value, at = _DECODER.raw_decode(text, at)
+            value, position = _DECODER.raw_decode(text, position)
         except (ValueError, RecursionError) as error:
-            line = text.count("\n", 0, at) + 1
-            if documents and "\n" not in text[at:]:
+            line = text.count("\n", 0, position) + 1
+            if documents and "\n" not in text[position:]:
                 return documents, [Finding.of(Code.ROWS_CUT, file=source.name, line=line)]
             reason = plain_text(error)[:200]
             raise InputError("format.json_damaged", where=f"{source.name}:{line}", reason=reason) from error
         documents.append(value)
-        at = _SPACE.match(text, at).end()  # type: ignore[union-attr]
+        position = _SPACE.match(text, position).end()  # type: ignore[union-attr]
     return documents, []
 
 
 def _records(value: Any, kind: str = "", above: _Record | None = None, depth: int = 0) -> Iterator[tuple[str, _Record]]:
     """Yield the records of a document with the name of their sensor. `above`: times of the enclosing record."""
     if isinstance(value, list):
-        for each in value:
-            yield from _records(each, kind, above, depth + 1)
+        for item in value:
+            yield from _records(item, kind, above, depth + 1)
     if not isinstance(value, dict) or depth > _DEEPEST:
         return
-    times = {**(above or {}), **{key: each for key, each in value.items() if _key_of(key) == "time"}}
-    lists = [key for key, each in value.items() if isinstance(each, list) and any(isinstance(e, dict) for e in each)]
+    times = {**(above or {}), **{key: item for key, item in value.items() if _key_of(key) == "time"}}
+    lists = [key for key, item in value.items() if isinstance(item, list) and any(isinstance(e, dict) for e in item)]
     for key in lists:
         yield from _records(value[key], key, times, depth + 1)
     if len(value) > 1 and not lists:
-        inner = [key for key, each in value.items() if isinstance(each, dict)]
+        inner = [key for key, item in value.items() if isinstance(item, dict)]
         only = inner[0] if len(inner) == 1 else ""
         stated = next((text for key in _KINDS if isinstance(text := value.get(key), str) and text), only)
         yield stated or kind, _flat({**times, **{k: v for k, v in value.items() if k != only}, **value.get(only, {})})
 
 
 def _flat(record: _Record, above: str = "", depth: int = 0) -> _Record:
-    """Return the values of a record by path; the only vector of three is x, y, z."""
-    found: _Record = {}
+    """Return the values of a record by path, such as ``gyro.x``; a single vector is named x, y, z without path."""
+    paths: _Record = {}
     for key, value in record.items():
         names = "xyz" if isinstance(value, list) and len(value) == 3 else map(str, range(_LISTED))
-        inner = value if isinstance(value, dict) else None
-        inner = dict(zip(names, value, strict=False)) if isinstance(value, list) else inner
-        if inner is None:
-            found[above + key] = value
+        nested = value if isinstance(value, dict) else None
+        nested = dict(zip(names, value, strict=False)) if isinstance(value, list) else nested
+        if nested is None:
+            paths[above + key] = value
         elif depth < _DEEPEST:
-            found |= _flat(inner, f"{above}{key}.", depth + 1)
-    vectors = [path[:-1] for path in found if path[-2:] == ".x" and {f"{path[:-1]}y", f"{path[:-1]}z"} <= found.keys()]
+            paths |= _flat(nested, f"{above}{key}.", depth + 1)
+    vectors = [path[:-1] for path in paths if path[-2:] == ".x" and {f"{path[:-1]}y", f"{path[:-1]}z"} <= paths.keys()]
     if not above and len(vectors) == 1:
-        return {path.removeprefix(vectors[0]): value for path, value in found.items()}
-    return found
+        return {path.removeprefix(vectors[0]): value for path, value in paths.items()}
+    return paths
 
 
 def _as_text(source: Source, kind: str, records: list[_Record]) -> Source:
@@ -120,7 +120,7 @@ def _as_text(source: Source, kind: str, records: list[_Record]) -> Source:
 
 
 def _cell(value: Any) -> str:
-    """Return a number, or a text such as a date, without delimiters."""
+    """Return the text of a number, or of a text such as a date without delimiters; empty for other values."""
     if isinstance(value, bool | int | float):
         return str(int(value) if isinstance(value, bool) else value)
     return re.sub(r'[,"]', " ", plain_text(value))[:80] if isinstance(value, str) else ""

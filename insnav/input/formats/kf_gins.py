@@ -36,9 +36,9 @@ _LAYOUTS = (
     *(("gps", (*_POSITION, *_VELOCITY)), ("gps", _POSITION), ("reference", _SOLUTION), ("imu", ("time_s", *_IMU))),
     *(("imu", (*_IMU, "time_s")), ("gps", ("ve_m_s", "vn_m_s", "vu_m_s", *_PSINS)), ("gps", _PSINS)),
 )
-_GRAVITY = (9.3, 10.3)  # sum of velocity increments per second [m/s^2]
-_FASTEST_FIXES = 0.04  # receivers have 0.05 s or more; samples in another unit are faster [s]
-_ROWS = 20  # rows examined
+_GRAVITY = (9.3, 10.3)  # plausible sum of velocity increments per second, which is gravity [m/s^2]
+_FASTEST_FIXES = 0.04  # fixes have intervals of 0.05 s or more, IMU samples less [s]
+_ROWS = 20  # number of rows that are examined to identify the layout
 
 
 def recognise(source: Source) -> bool:
@@ -55,12 +55,12 @@ def read(source: Source) -> Mapping[str, Table]:
 
 
 def _layout(head: bytes) -> tuple[str, tuple[str, ...]]:
-    """Identify a file and its columns by the first rows; no columns if unknown."""
+    """Identify the part of the recording and its columns by the first rows; no columns if no layout fits."""
     lines = bytes(decoded(head)).splitlines()[: _ROWS + 1]
     rows = [line.split() for line in (lines[:-1] if len(lines) > 2 else lines) if line.strip()]
     try:
         numbers = np.array([[float(word) for word in row] for row in rows])
-    except ValueError:  # words, or rows of different length
+    except ValueError:  # the rows contain words, or have different lengths
         return "", ()
     if numbers.ndim != 2 or len(numbers) < 2 or not np.isfinite(numbers).all():
         return "", ()
@@ -69,24 +69,24 @@ def _layout(head: bytes) -> tuple[str, tuple[str, ...]]:
 
 
 def _fits(numbers: FloatArray, headers: tuple[str, ...]) -> bool:
-    """Test whether rows ``(n, columns)`` have the times, increments, positions and deviations of a layout."""
-    at = {header: numbers[:, i] for i, header in enumerate(headers)}
-    time, step = at["time_s"], np.diff(at["time_s"])
-    sd = np.array([at[header] for header in headers if header.startswith("sd_")])
+    """Return True if rows ``(n, columns)`` have plausible times, increments, positions and deviations for a layout."""
+    columns = {header: numbers[:, i] for i, header in enumerate(headers)}
+    time, step = columns["time_s"], np.diff(columns["time_s"])
+    sd = np.array([columns[header] for header in headers if header.startswith("sd_")])
     if not ((step > 0.0).all() and time[0] >= 0.0 and time[-1] <= WEEK and ((sd > 0.0) & (sd < 1e3)).all()):
         return False
-    if "lat_rad" in at and not np.median(step) > _FASTEST_FIXES:
+    if "lat_rad" in columns and not np.median(step) > _FASTEST_FIXES:
         return False
-    week = at.get("week", np.array([1000.0]))
-    whole = 500.0 < week[0] < 10_000.0 and float(week[0]).is_integer() and (week == week[0]).all()
-    if not whole or ("week" in at and np.abs(numbers[:, 8:10]).max() > 180.0):
+    week = columns.get("week", np.array([1000.0]))
+    valid_week = 500.0 < week[0] < 10_000.0 and float(week[0]).is_integer() and (week == week[0]).all()
+    if not valid_week or ("week" in columns and np.abs(numbers[:, 8:10]).max() > 180.0):
         return False
-    if "dtheta_x_rad" in at:
-        turned, felt = (np.array([at[header][1:] for header in part]) / step for part in (_IMU[:3], _IMU[3:]))
-        gravity, rate = (float(np.median(np.linalg.norm(each, axis=0))) for each in (felt, turned))
+    if "dtheta_x_rad" in columns:
+        rates, forces = (np.array([columns[header][1:] for header in part]) / step for part in (_IMU[:3], _IMU[3:]))
+        gravity, rate = (float(np.median(np.linalg.norm(vectors, axis=0))) for vectors in (forces, rates))
         return bool(_GRAVITY[0] < gravity < _GRAVITY[1] and rate < 10.0 and np.median(step) < 0.2)
-    angles = [at[header] / (1.0 if "deg" in header else DEG) for header in headers if header[:3] in ("lat", "lon")]
-    lla = np.column_stack([*angles, at["height_m"]])
-    # nearly constant latitude, longitude [deg] and height [m], not small numbers of another kind
+    angles = [columns[header] / (1.0 if "deg" in header else DEG) for header in headers if header[:3] in ("lat", "lon")]
+    lla = np.column_stack([*angles, columns["height_m"]])
+    # latitude and longitude [deg] vary little and are not near zero, unlike other small numbers; height in [m]
     inside = (np.abs(lla) <= [90.0, 180.0, 1e4]).all()
     return bool(inside and np.ptp(lla[:, :2], axis=0).max() < 0.1 and np.abs(lla[:, :2]).max() > 1.0)

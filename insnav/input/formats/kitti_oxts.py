@@ -1,4 +1,4 @@
-"""KITTI ``oxts`` folders and archives: one text file an epoch, and ``timestamps.txt``.
+"""KITTI ``oxts`` folders and archives: one text file per epoch, and ``timestamps.txt``.
 
 References
 ----------
@@ -26,7 +26,7 @@ name = "KITTI oxts folder"
 _EPOCH = re.compile(r"^(?P<folder>(?:.*/)?)data/\d{10}\.txt$")
 _TIME = re.compile(rb"^(\d{4}-\d\d-\d\d) (\d\d:\d\d:\d\d(?:\.\d{1,9})?)\s*$", re.M)
 _NUMBERS = 30
-_VERTICAL = np.array([1.0, 1.0, 2.0])  # the file's accuracy is for North and East
+_VERTICAL = np.array([1.0, 1.0, 2.0])  # sd North, East, Down, relative to the accuracy in the file
 
 
 def recognise(source: Source) -> bool:
@@ -37,32 +37,32 @@ def read(source: Source) -> Mapping[str, Table]:
     folder = _folder(source)
     assert folder is not None
     stamps = source.members[f"{folder}timestamps.txt"]()
-    names = sorted(each for each in source.members if each.startswith(f"{folder}data/") and _EPOCH.match(each))
-    epochs = [source.members[each]() for each in names]
-    rows = np.array([_numbers(each) for each in epochs])
+    names = sorted(path for path in source.members if path.startswith(f"{folder}data/") and _EPOCH.match(path))
+    epochs = [source.members[path]() for path in names]
+    rows = np.array([_numbers(epoch) for epoch in epochs])
     time = _times(stamps)
     if len(time) != len(rows):
         raise InputError("format.kitti_count", where=stamps.name, times=len(time), epochs=len(rows))
     whole = Source(source.name, digest_of([stamps, *epochs]))
-    place = {"time_s": time, **triad(MSL_PLACE, rows[:, :3])}
-    place |= triad(VELOCITY, rows[:, [6, 7, 10]] * [1.0, 1.0, -1.0])
-    place |= deviations(rows[:, [23, 23, 23]] * _VERTICAL, "sd_{}_m") | deviations(rows[:, [24, 24, 24]], "sd_v{}_m_s")
-    roll, pitch, yaw = rows[:, 3:6].T / DEG  # of Forward-Left-Up in East-North-Up
+    fixes = {"time_s": time, **triad(MSL_PLACE, rows[:, :3])}
+    fixes |= triad(VELOCITY, rows[:, [6, 7, 10]] * [1.0, 1.0, -1.0])
+    fixes |= deviations(rows[:, [23, 23, 23]] * _VERTICAL, "sd_{}_m") | deviations(rows[:, [24, 24, 24]], "sd_v{}_m_s")
+    roll, pitch, yaw = rows[:, 3:6].T / DEG  # attitude of Forward-Left-Up axes in East-North-Up axes [deg]
     attitude = triad(ATTITUDE, np.column_stack([roll, -pitch, (90.0 - yaw) % 360.0]))
     samples = {"time_s": time, **triad(GYRO, rows[:, 17:20]), **triad(ACCEL, rows[:, 11:14])}
     clock, fused = Finding.of(Code.READ_TIME_LOCAL), Finding.of(Code.READ_FUSED)
     return {
         "imu": column_table(whole, samples, [clock], row="epoch", axes="FLU"),
-        "gps": column_table(whole, place, [clock, fused], row="epoch"),
-        "reference": column_table(whole, place | attitude, [clock, fused], row="epoch"),
+        "gps": column_table(whole, fixes, [clock, fused], row="epoch"),
+        "reference": column_table(whole, fixes | attitude, [clock, fused], row="epoch"),
     }
 
 
 def _folder(source: Source) -> str | None:
-    """Find the folder of epochs in the source; other sensors of the data set may be next to it."""
-    found = {match["folder"] for each in source.members if (match := _EPOCH.match(each))}
-    good = [each for each in found if f"{each}timestamps.txt" in source.members and "velodyne" not in each]
-    return min(good, key=len) if good else None
+    """Find the folder of epochs; folders of other sensors of the data set may be next to it."""
+    folders = {match["folder"] for path in source.members if (match := _EPOCH.match(path))}
+    with_times = [path for path in folders if f"{path}timestamps.txt" in source.members and "velodyne" not in path]
+    return min(with_times, key=len) if with_times else None
 
 
 def _numbers(epoch: Source) -> list[float]:
@@ -77,10 +77,10 @@ def _numbers(epoch: Source) -> list[float]:
 
 
 def _times(stamps: Source) -> FloatArray:
-    """Read seconds since 1970 in the file's own time zone."""
-    found = [match.groups() for match in _TIME.finditer(stamps.data)]
+    """Read the times of the epochs ``(n,)`` in seconds since 1970, in the time zone of the file."""
+    matches = [match.groups() for match in _TIME.finditer(stamps.data)]
     try:
-        instants = np.array([f"{day.decode()}T{clock.decode()}" for day, clock in found], dtype="datetime64[ns]")
+        instants = np.array([f"{day.decode()}T{clock.decode()}" for day, clock in matches], dtype="datetime64[ns]")
     except ValueError as error:
         raise InputError("format.kitti_time", where=stamps.name, reason=plain_text(reason_of(error))) from error
     return np.asarray(instants.astype(np.int64) * 1e-9, dtype=np.float64)

@@ -1,9 +1,9 @@
 """MATLAB ``.mat`` files, version 5 and 7.3: NaveGo structures and PSINS arrays.
 
 NaveGo: ``imu.t, imu.wb [rad/s], imu.fb [m/s^2]``; ``gnss.t, lat, lon [rad], h, vel, stdm, stdv``; ``ref`` with roll,
-pitch, yaw [rad]. PSINS: ``imu`` (n, 7): increments of angle [rad] and velocity [m/s] and time, axes Right, Forward, Up.
-``gps`` (n, 4): latitude, longitude [rad], height, time. ``gps`` (n, 7): with velocity East, North, Up before them. Also
-``avp``.
+pitch, yaw [rad]. PSINS: ``imu`` (n, 7): increments of angle [rad] and velocity [m/s], time; axes Right, Forward, Up.
+``gps`` (n, 4): latitude, longitude [rad], height, time. ``gps`` (n, 7): velocity East, North, Up, then these four.
+``avp`` (n, 10): attitude, velocity, position, time.
 
 References
 ----------
@@ -46,11 +46,11 @@ name = "MATLAB file"
 suffixes = (".mat",)
 extra = "mat"
 
-_INT32, _MATRIX, _COMPRESSED = 5, 14, 15  # kinds of elements (MAT-File Format, table 1-1)
+_INT32, _MATRIX, _COMPRESSED = 5, 14, 15  # type numbers of data elements (MAT-File Format, table 1-1)
 _PIECE = 1 << 22
-_OBJECT = 1 << 10  # bytes of overhead per array or structure; a small file may reference an array many times
+_OBJECT = 1 << 10  # overhead per array or structure [bytes]; a small file may refer to one array many times
 _HDF5 = b"\x89HDF\r\n\x1a\n"
-_Tree = dict[str, Any]  # arrays of numbers by name, and nested structures
+_Tree = dict[str, Any]  # content of a file: arrays of numbers and nested structures, by name
 
 
 def recognise(source: Source) -> bool:
@@ -63,8 +63,8 @@ def read(source: Source) -> Mapping[str, Table]:
     with damaged("format.matlab_damaged", source, version="" if old else "7.3 / HDF5"):
         tree = _version_5(source) if old else _version_7(source)
     tables: dict[str, Table] = {}
-    with damaged("format.matlab_fields", source), np.errstate(all="ignore"):  # too large values are refused when used
-        # variables by name; top-level variables together form a further structure
+    with damaged("format.matlab_fields", source), np.errstate(all="ignore"):  # values out of range are refused later
+        # each variable by its name; the arrays at the top level together may also be one structure
         whole = {key: value for key, value in tree.items() if not isinstance(value, dict)}
         for key, value in [*tree.items(), ("", whole)]:
             part, table = _table(source, key, value)
@@ -85,7 +85,7 @@ def _version_5(source: Source) -> _Tree:
 
 
 def _inflated(source: Source) -> bytes:
-    """Decompress the arrays of a file."""
+    """Return the file with decompressed arrays."""
     data, start, pieces = source.data, 128, [source.data[:128]]
     size = len(data)
     while start + 8 <= len(data):
@@ -94,10 +94,10 @@ def _inflated(source: Source) -> bytes:
         if kind != _COMPRESSED:
             pieces.append(data[start:end])
         else:
-            unpacker, rest = zlib.decompressobj(), data[start + 8 : end]
-            while rest and not unpacker.eof:
-                pieces.append(unpacker.decompress(rest, _PIECE))
-                rest = unpacker.unconsumed_tail
+            decompressor, compressed = zlib.decompressobj(), data[start + 8 : end]
+            while compressed and not decompressor.eof:
+                pieces.append(decompressor.decompress(compressed, _PIECE))
+                compressed = decompressor.unconsumed_tail
                 size += len(pieces[-1])
                 refuse_bomb(source.name, "MATLAB", len(data), size)
         start = end
@@ -107,7 +107,7 @@ def _inflated(source: Source) -> bytes:
 def _size(data: bytes, start: int, end: int, name: str) -> int:
     """Compute the memory size of the arrays in a part of a file.
 
-    Raises: InputError: an array does not fit into the file: scipy hangs on some of these.
+    Raises: InputError: an array exceeds its part of the file; scipy hangs on some such arrays.
     """
     size = 0
     while start + 8 <= end:
@@ -143,11 +143,11 @@ def _version_7(source: Source) -> _Tree:
     def of(group: Any) -> _Tree:
         nonlocal size
         tree = {}
-        for key, each in group.items():
+        for key, item in group.items():
             if not key.startswith("#"):
-                size += _OBJECT + (0 if isinstance(each, h5py.Group) else each.size * each.dtype.itemsize)
+                size += _OBJECT + (0 if isinstance(item, h5py.Group) else item.size * item.dtype.itemsize)
                 refuse_bomb(source.name, "MATLAB", len(source.data), size)
-                tree[key] = of(each) if isinstance(each, h5py.Group) else np.squeeze(np.asarray(each).T)
+                tree[key] = of(item) if isinstance(item, h5py.Group) else np.squeeze(np.asarray(item).T)
         return tree
 
     with h5py.File(io.BytesIO(source.data[:]), "r") as file:
@@ -156,7 +156,7 @@ def _version_7(source: Source) -> _Tree:
 
 def _table(source: Source, key: str, value: Any) -> tuple[str, Table | None]:
     if isinstance(value, dict):
-        numbers = {each: np.asarray(v, dtype=np.float64) for each, v in value.items() if _is_numbers(v)}
+        numbers = {name: np.asarray(v, dtype=np.float64) for name, v in value.items() if _is_numbers(v)}
         return _navego(source, key, numbers) if "t" in numbers else ("", None)
     if _is_numbers(value) and np.ndim(value) == 2:
         return _psins(source, key, np.asarray(value, dtype=np.float64))
@@ -174,24 +174,24 @@ def _navego(source: Source, key: str, data: Mapping[str, FloatArray]) -> tuple[s
     if {"wb", "fb"} <= set(data) and data["wb"].shape == data["fb"].shape == (n, 3):
         columns = {"time_s": time, **triad(GYRO, data["wb"]), **triad(ACCEL, data["fb"])}
         return "imu", column_table(source, columns, note, axes="FRD")
-    if not {"lat", "lon", "h"} <= set(data) or any(data[each].shape != (n,) for each in ("lat", "lon", "h")):
+    if not {"lat", "lon", "h"} <= set(data) or any(data[name].shape != (n,) for name in ("lat", "lon", "h")):
         return "", None
-    place = np.column_stack([data[each] for each in ("lat", "lon", "h")]) / [DEG, DEG, 1.0]
+    place = np.column_stack([data[name] for name in ("lat", "lon", "h")]) / [DEG, DEG, 1.0]
     columns = {"time_s": time, **triad(PLACE, place)}
     if data.get("vel", np.empty(0)).shape == (n, 3):
         columns |= triad(VELOCITY, data["vel"])
     for name, header in (("stdm", "sd_{}_m"), ("stdv", "sd_v{}_m_s")):
         if data.get(name, np.empty(0)).shape == (3,):
             columns |= deviations(np.tile(np.abs(data[name]), (n, 1)), header)
-    attitude = [data.get(each, np.empty(0)) for each in ("roll", "pitch", "yaw")]
-    if all(each.shape == (n,) for each in attitude):
+    attitude = [data.get(name, np.empty(0)) for name in ("roll", "pitch", "yaw")]
+    if all(column.shape == (n,) for column in attitude):
         columns |= triad(ATTITUDE, np.column_stack(attitude) / DEG)
         return "reference", column_table(source, columns, note)
     return "gps", column_table(source, columns, note)
 
 
 def _psins(source: Source, key: str, rows: FloatArray) -> tuple[str, Table | None]:
-    """Read arrays by name, with time in the last column."""
+    """Convert a PSINS array, by its name and number of columns; the time is in the last column."""
     width, time = rows.shape[1], rows[:, -1]
     note = [Finding.of(Code.READ_CONVENTION, subject=plain_text(key), convention="PSINS", unit="rad", axes="RFU")]
     if re.match(r"imu", key, re.I) and width == 7:
@@ -206,7 +206,7 @@ def _psins(source: Source, key: str, rows: FloatArray) -> tuple[str, Table | Non
     if re.match(r"avp", key, re.I) and width == 10:
         columns = {"time_s": time, **triad(PLACE, rows[:, 6:9] / [DEG, DEG, 1.0])}
         columns |= triad(VELOCITY, rows[:, [4, 3, 5]] * [1.0, 1.0, -1.0])
-        pitch, roll, yaw = rows[:, :3].T / DEG  # yaw there is positive from North to West
+        pitch, roll, yaw = rows[:, :3].T / DEG  # PSINS yaw is positive from North to West
         columns |= triad(ATTITUDE, np.column_stack([roll, pitch, -yaw % 360.0]))
         return "reference", column_table(source, columns, note)
     return "", None

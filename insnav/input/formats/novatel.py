@@ -52,7 +52,7 @@ _INSPVAX = layout(f"status:u4 kind:u4 lat:f8 lon:f8 height:f8 undulation:f4 {_PV
 _COUNTS = "flags:u4 az:i4 ay:i4 ax:i4 gz:i4 gy:i4 gx:i4"
 _RAWIMU = layout(f"week:u4 second:f8 {_COUNTS}")
 _RAWIMUX = layout(f"info:u1 type:u1 week:u2 second:f8 {_COUNTS}")
-# number -> name, fields used
+# log number -> name, and fields that are read
 _LOGS: dict[int, tuple[str, np.dtype[Any]]] = {
     1429: ("BESTGNSSPOS", _BESTPOS),
     42: ("BESTPOS", _BESTPOS),
@@ -67,7 +67,7 @@ _LOGS: dict[int, tuple[str, np.dtype[Any]]] = {
     1462: ("RAWIMUSX", _RAWIMUX),
 }
 _ASCII_LOGS = {f"{name}A": number for number, (name, _) in _LOGS.items() if name != "INSPVAX"}
-# logs of unusable samples
+# logs of corrected samples, which insnav does not use
 _CORRECTED = {812: "CORRIMUDATA", 813: "CORRIMUDATAS", 1362: "IMURATECORRIMUS", 2264: "CORRIMUS"}
 _FT = 0.3048
 # type of IMU -> name, scale of increments of angle [rad] and of velocity [m/s]; table "Raw IMU Scale Factors"
@@ -87,7 +87,7 @@ _SCALES = {
     )
     for number, model in models.items()
 }
-# position type -> fix type; types with INS in their name are fused with an IMU
+# position type -> fix type; types with INS in their name are fused with IMU data
 _KINDS = {
     16: 5.0, 17: 4.0, 18: 4.0, 32: 2.0, 33: 2.0, 34: 2.0, 48: 1.0, 49: 1.0, 50: 1.0, 52: 4.0, 53: 5.0, 54: 4.0,
     55: 2.0, 56: 1.0, 68: 4.0, 69: 4.0, 73: 4.0, 74: 4.0, 77: 4.0, 78: 4.0, 79: 4.0, 80: 4.0,
@@ -112,26 +112,26 @@ def recognise(source: Source) -> bool:
 
 
 def read(source: Source) -> Mapping[str, Table]:
-    logs, week, damaged, useless = _messages(source)
+    logs, week, damaged, corrected = _messages(source)
     notes = [Finding.of(Code.READ_ROWS_DAMAGED, subject="NovAtel", count=damaged)] if damaged else []
     notes += [Finding.of(Code.READ_TIME_GPS_WEEK, week=week)] if logs else []
     tables: dict[str, Table] = {}
     for position, velocity in (("BESTGNSSPOS", "BESTGNSSVEL"), ("BESTPOS", "BESTVEL")):
         if position in logs and "gps" not in tables:
-            none = (np.empty(0), np.empty(0, dtype=_BESTVEL))
-            tables["gps"] = _fixes(source, logs[position], logs.get(velocity, none), notes)
+            no_velocity = (np.empty(0), np.empty(0, dtype=_BESTVEL))
+            tables["gps"] = _fixes(source, logs[position], logs.get(velocity, no_velocity), notes)
     for name in ("INSPVAX", "INSPVA", "INSPVAS"):
         if name in logs and "reference" not in tables:
             tables["reference"] = _reference(source, logs[name], notes)
     for name in ("RAWIMU", "RAWIMUS", "RAWIMUX", "RAWIMUSX"):
         if name in logs:
             tables |= _samples(source, logs[name], name, notes)
-    if useless and not any(key.startswith("imu") for key in tables):
-        note = Finding.of(Code.READ_IMU_CORRECTED, messages=tuple(useless))
-        unusable = tuple(useless)
-        tables = {key: replace(each, notes=(*each.notes, note), unusable=unusable) for key, each in tables.items()}
+    if corrected and not any(key.startswith("imu") for key in tables):
+        note = Finding.of(Code.READ_IMU_CORRECTED, messages=tuple(corrected))
+        unusable = tuple(corrected)
+        tables = {key: replace(table, notes=(*table.notes, note), unusable=unusable) for key, table in tables.items()}
     if not tables:
-        raise InputError("format.novatel_no_data", where=source.name, unusable=tuple(useless), damaged_count=damaged)
+        raise InputError("format.novatel_no_data", where=source.name, unusable=tuple(corrected), damaged_count=damaged)
     return {key: replace(table, week=week) for key, table in tables.items()}
 
 
@@ -154,19 +154,19 @@ _WHEN = layout("week:u2 ms:u4")
 
 
 def _messages(source: Source) -> tuple[dict[str, Any], float, int, list[str]]:
-    """Return times and contents of each log, base week, number of damaged messages, and unused sample logs."""
+    """Return times and contents of each log, the first GPS week, count of damaged messages, unused sample logs."""
     parts: dict[str, list[tuple[Any, Any, Any]]] = {}
-    damaged, useless = 0, set[str]()
+    damaged, corrected = 0, set[str]()
     for framing, header, when_at in _FRAMINGS:
         for number, messages in framing.find(source.data, [*_LOGS, *_CORRECTED]).items():
             damaged += messages.damaged
             if number in _CORRECTED:
-                useless |= {_CORRECTED[number]} if messages.rows else set()
+                corrected |= {_CORRECTED[number]} if messages.rows else set()
                 continue
             name, kind = _LOGS[number]
             when, at = messages.records(_WHEN, when_at)
-            rows, of = messages.records(kind, header)
-            when = when[np.isin(at, of)]
+            rows, with_content = messages.records(kind, header)
+            when = when[np.isin(at, with_content)]
             if len(rows):
                 parts.setdefault(name, []).append((when["week"].astype(float), 1e-3 * when["ms"], rows))
     for number, (week, second), row in _ascii(source):
@@ -178,7 +178,7 @@ def _messages(source: Source) -> tuple[dict[str, Any], float, int, list[str]]:
         time = seconds_of_week(WEEK_DAYS * weeks, seconds, week=first).time
         order = np.argsort(time, kind="stable")
         logs[name] = (time[order], rows[order])
-    return logs, first, damaged, sorted(useless)
+    return logs, first, damaged, sorted(corrected)
 
 
 def _ascii(source: Source) -> Iterator[tuple[int, tuple[float, float], NDArray[Any]]]:
@@ -192,7 +192,7 @@ def _ascii(source: Source) -> Iterator[tuple[int, tuple[float, float], NDArray[A
         week, second = head[:2] if match[0].startswith(b"%") else head[4:6]
         names = layout.names or ()
         if number in (42, 1429):
-            words = [*words[:6], "0", *words[7:]]  # the datum is text
+            words = [*words[:6], "0", *words[7:]]  # the datum is a text, and is not used
         try:
             row = tuple(_word(key, word) for key, word in zip(names, words, strict=False))
             if len(row) == len(names):
@@ -210,7 +210,7 @@ def _word(key: str, word: str) -> float:
 
 
 def _own_time(time: FloatArray, rows: NDArray[Any]) -> FloatArray:
-    """Return the time inside the messages, finer than the header time."""
+    """Return the times in the message bodies [s], which are finer than the times in the headers."""
     return np.asarray(rows["second"] + np.round((time - rows["second"]) / WEEK) * WEEK, dtype=np.float64)
 
 
@@ -220,12 +220,12 @@ def _fixes(source: Source, position: Any, velocity: Any, notes: list[Finding]) -
     columns = {"time_s": time, **triad(PLACE, np.column_stack([rows["lat"], rows["lon"], height]))}
     columns |= deviations(np.column_stack([rows["sd_n"], rows["sd_e"], rows["sd_d"]]).astype(np.float64), "sd_{}_m")
     v_time, v_rows = velocity
-    sure = v_rows["status"] == 0
-    v_time, v_rows = v_time[sure], v_rows[sure]
+    valid = v_rows["status"] == 0
+    v_time, v_rows = v_time[valid], v_rows[valid]
     if len(v_time):
-        v = of_course(v_rows["speed"], v_rows["course"], -v_rows["up"])
-        # of the same epoch, logged slightly earlier than the other
-        columns |= {key: joined(np.round(time, 3), np.round(v_time, 3), each) for key, each in v.items()}
+        velocities = of_course(v_rows["speed"], v_rows["course"], -v_rows["up"])
+        # times rounded to milliseconds, to join the velocity and the position of an epoch
+        columns |= {key: joined(np.round(time, 3), np.round(v_time, 3), values) for key, values in velocities.items()}
         latency = float(np.median(v_rows["latency"]))
         if latency > 0.0:
             notes = [*notes, Finding.of(Code.READ_VELOCITY_LATENCY, latency_s=latency)]
@@ -239,7 +239,7 @@ def _reference(source: Source, log: Any, notes: list[Finding]) -> Table:
     time, rows = log
     good = np.isin(rows["status"], _INS_GOOD)
     names = rows.dtype.names or ()
-    # height of INSPVA: ellipsoidal, height of INSPVAX: above the geoid
+    # the height is ellipsoidal in INSPVA, above the geoid in INSPVAX
     height = rows["height"] + (rows["undulation"].astype(np.float64) if "undulation" in names else 0.0)
     columns = {"time_s": _own_time(time, rows) if "second" in names else time}
     columns |= triad(PLACE, np.column_stack([rows["lat"], rows["lon"], height]))
@@ -250,30 +250,30 @@ def _reference(source: Source, log: Any, notes: list[Finding]) -> Table:
 
 
 def _samples(source: Source, log: Any, name: str, notes: list[Finding]) -> dict[str, Table]:
-    """Return the samples of the IMU; of an IMU that the log does not name, by each model that fits them."""
+    """Return the samples in one table, or in one table for each fitting IMU model if the log states no model."""
     time, rows = log
     time = _own_time(time, rows)
     counts = np.column_stack([rows[key].astype(np.float64) for key in ("gx", "gy", "gz", "ax", "ay", "az")])
-    counts *= [1.0, -1.0, 1.0, 1.0, -1.0, 1.0]  # y has the opposite sign
+    counts *= [1.0, -1.0, 1.0, 1.0, -1.0, 1.0]  # NovAtel logs the y axis with opposite sign
     stated = "type" in (rows.dtype.names or ())
     if stated:
         types, per_second = np.unique(rows["type"]).tolist(), np.nan
-        found = [_SCALES[each] for each in types if each in _SCALES]
-    else:  # gravity shows the velocity scale, also during turns and braking, and its rotation the angle scale
+        scales = [_SCALES[kind] for kind in types if kind in _SCALES]
+    else:  # gravity determines the scale of velocity increments, its rotation the scale of angle increments
         types, span = [], float(np.ptp(time)) if len(time) > 1 else 0.0
         per_second = np.linalg.norm(counts[1:, 3:], axis=1).sum() / span if span > 0.0 else np.nan
-        found = [each for each in _SCALES.values() if abs(per_second * each[2] / _GRAVITY - 1.0) < _TOLERANCE]
-        step = float(np.median(np.diff(time))) if found else 0.0
-        turned = turn_ratio(time, counts[:, :3], counts[:, 3:])[0] * step if found else 0.0
-        found = [each for each in found if not turned or 1.0 < MAX_TURN_RATIO * turned / each[1] < MAX_TURN_RATIO**2]
-    if not found or len(types) > 1:
-        rate, known = float(per_second), tuple(f"{key} {each[0]}" for key, each in _SCALES.items())
+        scales = [scale for scale in _SCALES.values() if abs(per_second * scale[2] / _GRAVITY - 1.0) < _TOLERANCE]
+        step = float(np.median(np.diff(time))) if scales else 0.0
+        turn = turn_ratio(time, counts[:, :3], counts[:, 3:])[0] * step if scales else 0.0
+        scales = [scale for scale in scales if not turn or 1.0 < MAX_TURN_RATIO * turn / scale[1] < MAX_TURN_RATIO**2]
+    if not scales or len(types) > 1:
+        rate, known = float(per_second), tuple(f"{key} {scale[0]}" for key, scale in _SCALES.items())
         raise InputError(
             "format.novatel_scale", where=source.name, message=name, types=tuple(types), counts_per_s=rate, known=known
         )
     tables = {}
-    for angle, speed in dict.fromkeys(each[1:] for each in found):
-        models = ", ".join(each[0] for each in found if each[1:] == (angle, speed))
+    for angle, speed in dict.fromkeys(scale[1:] for scale in scales):
+        models = ", ".join(scale[0] for scale in scales if scale[1:] == (angle, speed))
         columns = {"time_s": time, **triad(DTHETA, counts[:, :3] * angle), **triad(DVEL, counts[:, 3:] * speed)}
         note = Finding.of(Code.READ_IMU_MODEL, subject=name, model=models)
         if not stated:
@@ -282,4 +282,4 @@ def _samples(source: Source, log: Any, name: str, notes: list[Finding]) -> dict[
             values: dict[str, Any] = {"model": models, "others": tuple(others.values()), "ratios": tuple(others)}
             note = Finding.of(Code.READ_IMU_MODEL_BY_GRAVITY, subject=name, noise_rad_sqrt_s=noise, **values)
         tables[models] = column_table(source, columns, [note, *notes], row=name, axes="RFU")
-    return {"imu" if len(tables) == 1 else f"imu:{key.partition(', ')[0]}": each for key, each in tables.items()}
+    return {"imu" if len(tables) == 1 else f"imu:{key.partition(', ')[0]}": table for key, table in tables.items()}

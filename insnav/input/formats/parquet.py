@@ -34,7 +34,7 @@ def read(source: Source) -> Mapping[str, Table]:
 
 @dataclass(frozen=True, slots=True)
 class _ParquetCells:
-    """Rows of a file, read column by column."""
+    """Rows of a Parquet file, read column by column; see `Cells`."""
 
     source: Source
     headers: tuple[str, ...]
@@ -58,12 +58,12 @@ class _ParquetCells:
             refuse_bomb(self.source.name, "parquet", len(self.source.data), size)
             count = file.metadata.num_rows
             columns = {i: spill.empty((count,)) for i in indices if i not in stamps}
-            at = 0
-            for some in file.iter_batches(spill.ROWS, columns=[schema.names[i] for i in columns], use_threads=False):
+            start = 0
+            for batch in file.iter_batches(spill.ROWS, columns=[schema.names[i] for i in columns], use_threads=False):
                 for i, column in columns.items():
-                    cells = some.column(schema.names[i]).cast(pa.float64(), safe=False)
-                    column[at : at + len(cells)] = arrow_floats(cells)
-                at += len(some)
+                    cells = batch.column(schema.names[i]).cast(pa.float64(), safe=False)
+                    column[start : start + len(cells)] = arrow_floats(cells)
+                start += len(batch)
                 spill.release()
             arrow = file.read([schema.names[i] for i in stamps], use_threads=False)
         texts = {}

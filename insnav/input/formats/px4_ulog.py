@@ -28,7 +28,7 @@ name = "PX4 ULog"
 suffixes = (".ulg",)
 
 _GPS = ("vehicle_gps_position", "sensor_gps")
-# newer names first, and their unit
+# column -> names of the field with unit factors, newer names first
 _PLACE = {
     "lat_deg": (("latitude_deg", 1.0), ("lat", 1e-7)),
     "lon_deg": (("longitude_deg", 1.0), ("lon", 1e-7)),
@@ -43,7 +43,7 @@ _SAMPLES = {
 _NEEDED = ("timestamp", "fix_type", "eph", "epv", "s_variance_m_s", "vel_n_m_s", "vel_e_m_s", "vel_d_m_s")
 _DATA, _FORMAT, _SUBSCRIBE, _DROPOUT = b"DFAO"
 _KINDS = frozenset(b"BFIMPQACLRDSO")
-_SYNC = b"\x08\x00S\x2f\x73\x13\x20\x25\x0c\xbb\x12"  # sync message after damage
+_SYNC = b"\x08\x00S\x2f\x73\x13\x20\x25\x0c\xbb\x12"  # message from which reading continues after damage
 _TYPES = {
     "int8_t": "i1", "uint8_t": "u1", "bool": "u1", "char": "S1", "int16_t": "<i2", "uint16_t": "<u2",
     "int32_t": "<i4", "uint32_t": "<u4", "int64_t": "<i8", "uint64_t": "<u8", "float": "<f4", "double": "<f8",
@@ -57,19 +57,19 @@ def recognise(source: Source) -> bool:
 def read(source: Source) -> Mapping[str, Table]:
     log = _Log()
     notes = [Finding.of(Code.READ_TIME_SINCE_START), *log.walk(source.data)]
-    found = {key: data for key, layout in log.topics() if (data := log.columns(source.data, key, layout))}
+    fields = {key: data for key, layout in log.topics() if (data := log.columns(source.data, key, layout))}
     tables: dict[str, Table] = {}
-    data = next((data for (topic, _), data in sorted(found.items()) if topic == "sensor_combined"), {})
+    data = next((data for (topic, _), data in sorted(fields.items()) if topic == "sensor_combined"), {})
     if all(key in data for key in _SAMPLES.values()):
         columns = {key: data[field] * (1e-6 if key == "time_s" else 1.0) for key, field in _SAMPLES.items()}
         tables["imu"] = column_table(source, columns, notes, row="sensor_combined", axes="FRD")
-    receivers = [(topic, number) for topic in _GPS for name, number in sorted(found) if name == topic]
-    receivers = [each for each in receivers if all(key in found[each] for key in _NEEDED)]
+    receivers = [(topic, number) for topic in _GPS for name, number in sorted(fields) if name == topic]
+    receivers = [entry for entry in receivers if all(key in fields[entry] for key in _NEEDED)]
     if receivers:
         if receivers[1:]:
             topic, number = receivers[0]
             notes.append(Finding.of(Code.READ_SOURCE, subject=f"{topic}[{number}]", count=len(receivers)))
-        tables["gps"] = _fixes(source, found[receivers[0]], notes)
+        tables["gps"] = _fixes(source, fields[receivers[0]], notes)
     if not tables:
         topics = tuple(map(plain_text, sorted(set(log.names()))[:12]))
         raise InputError("format.ulog_no_data", where=source.name, found=topics)
@@ -80,35 +80,35 @@ def read(source: Source) -> Mapping[str, Table]:
 class _Log:
     """Index of the messages of each topic."""
 
-    formats: dict[str, str] = field(default_factory=dict)  # fields by the name of the message
-    subscribed: dict[int, tuple[str, int]] = field(default_factory=dict)  # name and instance by number
-    at: dict[int, list[int]] = field(default_factory=dict)  # positions of the data by number
+    formats: dict[str, str] = field(default_factory=dict)  # layout text of the fields, by message name
+    subscribed: dict[int, tuple[str, int]] = field(default_factory=dict)  # name and instance, by subscription number
+    at: dict[int, list[int]] = field(default_factory=dict)  # positions of the messages, by subscription number
 
     def walk(self, data: bytes | mmap.mmap) -> list[Finding]:
-        """Walk through the messages; report damage."""
-        place, end, lost = 16, len(data), 0
+        """Index all messages of a file; return findings on damage and gaps."""
+        start, end, lost = 16, len(data), 0
         dropouts: list[int] = []
-        while place + 3 <= end:
-            size, kind = data[place] + 256 * data[place + 1], data[place + 2]
-            after = place + 3 + size
-            if kind not in _KINDS or after > end:
-                found = data.find(_SYNC, place + 1)
-                lost += (found if found >= 0 else end) - place
-                if found < 0:
+        while start + 3 <= end:
+            size, kind = data[start] + 256 * data[start + 1], data[start + 2]
+            next_start = start + 3 + size
+            if kind not in _KINDS or next_start > end:
+                sync = data.find(_SYNC, start + 1)
+                lost += (sync if sync >= 0 else end) - start
+                if sync < 0:
                     break
-                place = found
+                start = sync
                 continue
             if kind == _DATA:
-                self.at.setdefault(data[place + 3] + 256 * data[place + 4], []).append(place + 5)
+                self.at.setdefault(data[start + 3] + 256 * data[start + 4], []).append(start + 5)
             elif kind == _FORMAT:
-                name, _, fields = data[place + 3 : after].decode("latin-1").partition(":")
+                name, _, fields = data[start + 3 : next_start].decode("latin-1").partition(":")
                 self.formats[name] = fields
             elif kind == _SUBSCRIBE and size > 3:
-                number = data[place + 4] + 256 * data[place + 5]
-                self.subscribed[number] = (data[place + 6 : after].decode("latin-1"), data[place + 3])
+                number = data[start + 4] + 256 * data[start + 5]
+                self.subscribed[number] = (data[start + 6 : next_start].decode("latin-1"), data[start + 3])
             elif kind == _DROPOUT and size >= 2:
-                dropouts.append(data[place + 3] + 256 * data[place + 4])
-            place = after
+                dropouts.append(data[start + 3] + 256 * data[start + 4])
+            start = next_start
         notes = [Finding.of(Code.READ_BYTES_DAMAGED, count=lost)] if lost else []
         if dropouts:
             notes.append(Finding.of(Code.READ_LOGGER_GAPS, count=len(dropouts), gap_s=1e-3 * sum(dropouts)))
@@ -119,9 +119,9 @@ class _Log:
 
     def topics(self) -> list[tuple[tuple[str, int], np.dtype[Any]]]:
         """Return the supported topics with their layouts."""
-        wanted = [each for each in self.subscribed.values() if each[0] in ("sensor_combined", *_GPS)]
-        layouts = [(each, _layout(self.formats.get(each[0], ""))) for each in wanted]
-        return [(each, layout) for each, layout in layouts if layout is not None]
+        wanted = [topic for topic in self.subscribed.values() if topic[0] in ("sensor_combined", *_GPS)]
+        layouts = [(topic, _layout(self.formats.get(topic[0], ""))) for topic in wanted]
+        return [(topic, layout) for topic, layout in layouts if layout is not None]
 
     def columns(self, data: bytes | mmap.mmap, topic: tuple[str, int], layout: np.dtype[Any]) -> dict[str, FloatArray]:
         """Read the numeric fields of a topic by name, (n,)."""
@@ -129,7 +129,7 @@ class _Log:
         at = np.array([place for number in numbers for place in self.at.get(number, [])], dtype=np.int64)
         rows = as_records(gathered(data, at, layout.itemsize), layout)
         names = layout.names or ()
-        with np.errstate(invalid="ignore"):  # damaged numbers
+        with np.errstate(invalid="ignore"):  # damaged messages may contain invalid numbers
             kept = [key for key in names if len(rows) and rows[key].dtype.kind != "S"]
             return {key: rows[key].astype(np.float64) for key in kept}
 
@@ -137,8 +137,8 @@ class _Log:
 def _layout(fields: str) -> np.dtype[Any] | None:
     """Build the layout of a message, without trailing padding; None if nested or damaged."""
     parts: list[tuple[str, str]] = []
-    for each in filter(None, fields.split(";")):
-        kind, _, name = each.partition(" ")
+    for part in filter(None, fields.split(";")):
+        kind, _, name = part.partition(" ")
         match = re.fullmatch(r"(\w+?)(?:\[(\d{1,4})\])?", kind)
         if match is None or match[1] not in _TYPES:
             return None
@@ -146,20 +146,20 @@ def _layout(fields: str) -> np.dtype[Any] | None:
             continue
         count = match[2]
         names = [name] if count is None else [f"{name}[{i}]" for i in range(int(count))]
-        parts += [(each, _TYPES[match[1]]) for each in names]
+        parts += [(name, _TYPES[match[1]]) for name in names]
     unique = len({name for name, _ in parts}) == len(parts)
     return np.dtype(parts) if parts and unique and all(name for name, _ in parts) else None
 
 
 def _fixes(source: Source, data: Mapping[str, FloatArray], notes: list[Finding]) -> Table:
     columns = {"time_s": 1e-6 * data.get("timestamp_sample", data["timestamp"])}
-    if not (columns["time_s"] > 0.0).all():  # an early driver leaves it zero
+    if not (columns["time_s"] > 0.0).all():  # early drivers leave the field timestamp_sample zero
         columns["time_s"] = 1e-6 * data["timestamp"]
     for key, names in _PLACE.items():
-        found = next((factor * data[name] for name, factor in names if name in data), None)
-        if found is not None:
-            columns[key] = found
-    if "height_m" in columns and not columns["height_m"].any():  # some drivers leave it zero
+        values = next((factor * data[name] for name, factor in names if name in data), None)
+        if values is not None:
+            columns[key] = values
+    if "height_m" in columns and not columns["height_m"].any():  # some drivers leave the ellipsoidal height zero
         del columns["height_m"]
     elif "height_m" in columns:
         columns.pop("height_msl_m", None)

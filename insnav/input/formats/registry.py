@@ -41,14 +41,14 @@ class Format(Protocol):
         ...
 
 
-_LAST: dict[object, int] = {nmea: 1, delimited_text: 2}
+_LAST: dict[object, int] = {nmea: 1, delimited_text: 2}  # formats that are tried last, in this order
 
 
 @cache
 def formats() -> tuple[Format, ...]:
-    """List the formats in the order of recognition: NMEA may be embedded, delimited text accepts any text."""
+    """List the formats in the order in which they are tried; NMEA (found in other logs, too) and any text are last."""
     package = importlib.import_module("insnav.input.formats")
-    names = [found.name for found in pkgutil.iter_modules(package.__path__)]
+    names = [module.name for module in pkgutil.iter_modules(package.__path__)]
     modules = [importlib.import_module(f"{package.__name__}.{name}") for name in names]
     readers = [module for module in modules if hasattr(module, "recognise")]
     return tuple(cast(Format, module) for module in sorted(readers, key=lambda module: _LAST.get(module, 0)))
@@ -58,7 +58,7 @@ def open_table(path: str | Path | Table, part: str = "") -> Table:
     """Open a data file of any format, or standard input (``-``), and read its header.
 
     `part` {"", "imu", "gps", "reference"}: requested table if the file contains several.
-    Raises: InputError: the file cannot be read, is of no supported format, or does not hold that part.
+    Raises: InputError: the file cannot be read, has no supported format, or lacks the part.
     """
     return composed(path) if isinstance(path, Table) else choose_table(open_tables(path), part, (), plain_text(path))
 
@@ -70,7 +70,7 @@ def open_tables(path: str | Path) -> Mapping[str, Table]:
 
 def tables_of(source: Source) -> Mapping[str, Table]:
     """Read the tables of an opened file."""
-    chosen = next((each for each in formats() if each.recognise(source)), None)
+    chosen = next((module for module in formats() if module.recognise(source)), None)
     if chosen is None:
         if SHEETS & source.members.keys():
             raise InputError("format.other_data", where=source.name, kind="a spreadsheet")
@@ -79,7 +79,7 @@ def tables_of(source: Source) -> Mapping[str, Table]:
         raise refusal(source.head, source.name, suffixes())
     try:
         tables = chosen.read(source)
-        return {part: composed(replace(each, format=each.format or chosen.name)) for part, each in tables.items()}
+        return {part: composed(replace(table, format=table.format or chosen.name)) for part, table in tables.items()}
     except ImportError as error:
         extra = getattr(chosen, "extra", "")
         if not extra:
@@ -90,9 +90,9 @@ def tables_of(source: Source) -> Mapping[str, Table]:
 
 
 def choose_table(tables: Mapping[str, Table], part: str, topics: Collection[str], where: str) -> Table:
-    """Choose the table of a part: the only one of its kind, or the named sensor's table.
+    """Choose the table of a part: the only one of its kind, or the table of a sensor named in `topics`.
 
-    Raises: InputError: there is none. ConfigError: there are several, and none was named.
+    Raises: InputError: the part is missing. ConfigError: several sensors have it, and `topics` names none of them.
     """
     kinds = (part, "") if part in ("imu", "gps") else (part, "gps", "")
     for kind in kinds:
@@ -109,28 +109,28 @@ def choose_table(tables: Mapping[str, Table], part: str, topics: Collection[str]
             if not noise:
                 raise ConfigError("format.several_sensors", where=where, **values)
             raise ConfigError("format.several_scales", where=where, noise_rad_sqrt_s=noise, **values)
-    found = tuple(sorted({key.partition(":")[0] for key in tables}))
+    parts_found = tuple(sorted({key.partition(":")[0] for key in tables}))
     format_name = next((table.format for table in tables.values()), "")
     if part == "imu":
         raise InputError(
             "format.fixes_for_samples" if "gps" in tables else "format.no_samples",
             where=where,
             format=format_name,
-            found=found,
+            found=parts_found,
             unusable=next((table.unusable for table in tables.values() if table.unusable), ()),
         )
     is_reference = part == "gps" and "reference" in tables
-    shown: dict[str, Any] = {"part": part, "format": format_name, "found": found}
+    shown: dict[str, Any] = {"part": part, "format": format_name, "found": parts_found}
     raise InputError("format.reference_for_fixes" if is_reference else "format.lacks_part", where=where, **shown)
 
 
 def suffixes() -> tuple[str, ...]:
     """List the usual endings of supported files, without compression."""
-    return tuple(sorted(suffix for each in formats() for suffix in getattr(each, "suffixes", ())))
+    return tuple(sorted(suffix for module in formats() for suffix in getattr(module, "suffixes", ())))
 
 
 def _folder(folder: Source) -> InputError:
-    """Build the error for a folder or an archive without a recording."""
+    """Build the error for a folder or an archive that is no recording."""
     names = [name for name in folder.members if set(PurePosixPath(name.lower()).suffixes) & set(suffixes())]
     shown = tuple(map(plain_text, (names or [*folder.members])[:8]))
     if not shown:

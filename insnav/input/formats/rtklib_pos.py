@@ -36,7 +36,7 @@ _HEADER = re.compile(rb"""^%[ \t]*(\w+)[ \t,;]+((?:latitude|x-ecef|e-baseline)\(
 _HEADERLESS = re.compile(rb"\A\s*\d{4}/\d\d/\d\d[ \t,;]+\d\d:\d\d:\d\d(\.\d+)?([ \t,;]+[-+.\d]+){13,}[ \t]*\r?$", re.M)
 _ROW = re.compile(rb"^[ \t]*[^%\s].*$", re.M)
 _REFERENCE = re.compile(rb"^% *ref pos *:(.*)$", re.M)
-_BLANKS = bytes.maketrans(b"/:,;\t", b"     ")  # one for one: byte and line positions do not change
+_BLANKS = bytes.maketrans(b"/:,;\t", b"     ")  # byte for byte: positions of bytes and lines stay
 
 # position columns -> axes of the standard deviations and velocities in the same header
 _LAYOUTS = {
@@ -50,9 +50,9 @@ _RANGES = {
     "year": (1980, 2200), "month": (1, 12), "day": (1, 31), "hour": (0, 23), "minute": (0, 59), "second": (0, 60),
     "week": (0, 10_000), "tow": (0, 604_800),
 }  # fmt: skip
-_ZONES = {"GPST": 0.0, "UTC": 0.0, "JST": 32_400.0}  # ahead of UTC, or GPS time itself [s]
+_ZONES = {"GPST": 0.0, "UTC": 0.0, "JST": 32_400.0}  # time ahead of UTC [s]; zero for GPS time
 _EARTH_RADII = (6.33e6, 6.5e6)  # distances from the Earth's centre near the ground [m]
-_LONGEST_BASELINE = 2e6  # [m]
+_LONGEST_BASELINE = 2e6  # largest plausible component of a baseline [m]
 
 
 def recognise(source: Source) -> bool:
@@ -66,33 +66,33 @@ def read(source: Source) -> Mapping[str, Table]:
     numbers = rows.read(range(len(rows.dialect.headers)))
     data = dict(zip(rows.dialect.headers, numbers.columns.values(), strict=True))
     time, note, week = _time(data, scale, rows)
-    found = {"time_s": time}
+    fixes = {"time_s": time}
     axes = _LAYOUTS[columns[0], columns[1], columns[2]]
     turn: FloatArray | None = None
     if axes == "neu":
         height = "height_msl_m" if b"/geodetic" in text[: rows.dialect.offset] else "height_m"
         lat, lon = (_degrees(data, columns[i]) for i in (0, 1))
-        found |= {"lat_deg": lat, "lon_deg": lon, height: data["height(m)"]}
+        fixes |= {"lat_deg": lat, "lon_deg": lon, height: data["height(m)"]}
     else:
         r_e, to_earth = _earth_fixed(data, columns, text, rows)
         lla = lla_from_earth(r_e)
-        found |= {"lat_deg": lla[:, 0] / DEG, "lon_deg": lla[:, 1] / DEG, "height_m": lla[:, 2]}
+        fixes |= {"lat_deg": lla[:, 0] / DEG, "lon_deg": lla[:, 1] / DEG, "height_m": lla[:, 2]}
         turn = level_from_earth(lla) @ to_earth
-    found |= {key: data[name] for key, name in (("fix", "Q"), ("satellites", "ns")) if name in data}
-    with np.errstate(over="ignore", invalid="ignore"):  # numbers out of range are refused when used
-        found |= _velocity(data, axes, turn)
+    fixes |= {key: data[name] for key, name in (("fix", "Q"), ("satellites", "ns")) if name in data}
+    with np.errstate(over="ignore", invalid="ignore"):  # values out of range are refused later
+        fixes |= _velocity(data, axes, turn)
         deviations = _deviations(data, axes, turn, "sd{}(m)", "sd_{}_m") | _deviations(
             data, axes, turn, "sdv{}", "sd_v{}_m_s"
         )
     unknown = sum(int(np.count_nonzero(sd == 0.0)) for sd in deviations.values())
-    found |= {key: np.where(sd == 0.0, np.nan, sd) for key, sd in deviations.items()}
+    fixes |= {key: np.where(sd == 0.0, np.nan, sd) for key, sd in deviations.items()}
     notes = [note, Finding.of(Code.READ_SD_UNKNOWN, count=unknown) if unknown else None]
-    cells, kept = ArrayCells(tuple(found.values()), rows.line, numbers.cut), tuple(filter(None, notes))
-    return {"gps": Table(source.name, source.sha256, tuple(found), cells, notes=kept, week=week)}
+    cells, kept = ArrayCells(tuple(fixes.values()), rows.line, numbers.cut), tuple(filter(None, notes))
+    return {"gps": Table(source.name, source.sha256, tuple(fixes), cells, notes=kept, week=week)}
 
 
 def _rows(text: bytes | mmap.mmap, zeros: int, where: str) -> tuple[str, tuple[str, ...], TextCells]:
-    """Return time scale, column names after the time, and the rows as numbers separated by blanks."""
+    """Return time scale, column names after the time, and rows in which blanks separate the numbers."""
     headers = {
         tuple(re.split(r"[\s,;]+", b" ".join(found.groups()).decode("latin-1"))) for found in _HEADER.finditer(text)
     }
@@ -141,13 +141,13 @@ def _degrees(data: Mapping[str, FloatArray], column: str) -> FloatArray:
     if f"{column} minute" not in data:
         return value
     part = data[f"{column} minute"] / 60.0 + data[f"{column} second"] / 3600.0
-    return value + np.copysign(part, value)  # -0 degrees has a sign, too
+    return value + np.copysign(part, value)  # copysign: -0 degrees are negative, too
 
 
 def _earth_fixed(
     data: Mapping[str, FloatArray], columns: tuple[str, ...], text: bytes | mmap.mmap, rows: TextCells
 ) -> tuple[FloatArray, FloatArray]:
-    """Return Earth-fixed positions ``(n, 3)`` [m], and the rotation from the file's axes to Earth-fixed axes."""
+    """Return Earth-fixed positions ``(n, 3)`` [m], and the rotation from the axes of the file to Earth-fixed axes."""
     position = np.column_stack([data[column] for column in columns[:3]])
     size = np.abs(position).max(axis=1)
     if columns[0] == "x-ecef(m)":
@@ -168,7 +168,7 @@ def _earth_fixed(
 def _deviations(
     data: Mapping[str, FloatArray], axes: str, turn: FloatArray | None, column: str, header: str
 ) -> dict[str, FloatArray]:
-    """Return standard deviations North, East, Down, zero where the file has zeros; empty without such columns."""
+    """Return standard deviations North, East, Down; zeros of the file stay. Empty if the columns are missing."""
     if not all(column.format(axis) in data for axis in axes):
         return {}
     sd = np.column_stack([data[column.format(axis)] for axis in axes])
@@ -176,7 +176,7 @@ def _deviations(
         covariance = sd[:, :, None] ** 2 * np.eye(3)
         for i, j in ((0, 1), (1, 2), (2, 0)):
             cross = data.get(column.format(axes[i] + axes[j]))
-            if cross is None:  # covariances are needed for the rotation
+            if cross is None:  # without covariances, the standard deviations cannot be rotated
                 return {}
             covariance[:, i, j] = covariance[:, j, i] = np.sign(cross) * cross**2
         variance: FloatArray = np.einsum("nij,njk,nik->ni", turn, covariance, turn)
@@ -185,7 +185,7 @@ def _deviations(
 
 
 def _velocity(data: Mapping[str, FloatArray], axes: str, turn: FloatArray | None) -> dict[str, FloatArray]:
-    """Return velocity North, East, Down [m/s]; empty without such columns."""
+    """Return velocity North, East, Down [m/s]; empty if the columns are missing."""
     if not all(f"v{axis}(m/s)" in data for axis in axes):
         return {}
     v = np.column_stack([data[f"v{axis}(m/s)"] for axis in axes])

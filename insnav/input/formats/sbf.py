@@ -39,7 +39,7 @@ from insnav.units import DEG
 name = "Septentrio SBF log"
 suffixes = (".sbf",)
 
-_UNKNOWN = -1e10  # below: unknown values are -2e10
+_UNKNOWN = -1e10  # SBF marks unknown values by -2e10, which is below this limit
 _HEADER = "sync:u2 crc:u2 id:u2 length:u2 tow:u4 week:u2"
 _PVT = f"{_HEADER} mode:u1 error:u1"
 _BLOCKS: dict[str, tuple[int, np.dtype[Any]]] = {
@@ -52,7 +52,7 @@ _BLOCKS: dict[str, tuple[int, np.dtype[Any]]] = {
 }
 _SENSORS = 4050
 _SENSOR = np.dtype([("source", "u1"), ("model", "u1"), ("type", "u1"), ("info", "u1"), ("value", "<f8", (3,))])
-# mode of PVT -> fix type; an entered position (3) is invalid
+# mode of PVT -> fix type; mode 3, an entered position, is invalid
 _MODES = {1: 5.0, 2: 4.0, 4: 1.0, 5: 2.0, 6: 4.0, 7: 1.0, 8: 2.0, 10: 4.0}
 _Rows = NDArray[Any]
 _Notes = list[Finding]
@@ -65,7 +65,7 @@ def recognise(source: Source) -> bool:
 def read(source: Source) -> Mapping[str, Table]:
     messages = _FRAMING.find(source.data, [*(number for number, _ in _BLOCKS.values()), _SENSORS])
     blocks = {key: messages[number].records(each)[0] for key, (number, each) in _BLOCKS.items()}
-    damaged = sum(each.damaged for each in messages.values())
+    damaged = sum(kind.damaged for kind in messages.values())
     notes = [Finding.of(Code.READ_ROWS_DAMAGED, subject="SBF", count=damaged)] if damaged else []
     tables: dict[str, Table] = {}
     if len(blocks["geodetic"]):
@@ -91,14 +91,14 @@ _FRAMING = Framing(b"$@", number=(4, 0x1FFF), size=(6, 0xFFFF), around=0, least=
 
 
 def _key(rows: _Rows) -> FloatArray:
-    """Return the time since 1980, as key to join blocks [ms]."""
+    """Return the GPS time [ms], the key to join blocks of one epoch."""
     return np.asarray(rows["week"] * (1e3 * WEEK) + rows["tow"], dtype=np.float64)
 
 
 def _good(rows: _Rows, fields: tuple[str, ...]) -> NDArray[np.bool_]:
     good = (rows["error"] == 0) & (rows["week"] < 65_535)
-    for each in fields:
-        good &= rows[each] > _UNKNOWN
+    for field in fields:
+        good &= rows[field] > _UNKNOWN
     return np.asarray(good)
 
 
@@ -114,7 +114,7 @@ def _table(source: Source, rows: _Rows, columns: dict[str, FloatArray], good: An
 
 
 def _matrices(rows: _Rows, axes: str) -> FloatArray:
-    """Build covariances (n, 3, 3)."""
+    """Build covariances ``(n, 3, 3)`` from the elements of covariance blocks."""
     found = np.empty((len(rows), 3, 3))
     for i, first in enumerate(axes):
         for j, second in enumerate(axes):
@@ -129,10 +129,10 @@ def _geodetic(source: Source, blocks: Mapping[str, _Rows], notes: _Notes) -> Tab
     v = np.column_stack([rows["vn"], rows["ve"], -rows["vu"]]).astype(np.float64)
     columns |= triad(VELOCITY, np.where(np.abs(v) < -_UNKNOWN, v, np.nan))
     for kind, names in (("position", "sd_{}_m"), ("velocity", "sd_v{}_m_s")):
-        other = blocks[f"geodetic {kind}"]
-        if len(other):
-            variance = np.column_stack([other[each] for each in ("nn", "ee", "uu")]).astype(np.float64)
-            columns |= deviations(joined(_key(rows), _key(other), np.sqrt(np.maximum(variance, 0.0))), names)
+        block = blocks[f"geodetic {kind}"]
+        if len(block):
+            variance = np.column_stack([block[axes] for axes in ("nn", "ee", "uu")]).astype(np.float64)
+            columns |= deviations(joined(_key(rows), _key(block), np.sqrt(np.maximum(variance, 0.0))), names)
     return _table(source, rows, columns, _good(rows, ("lat", "lon", "height")), notes, "PVTGeodetic")
 
 
@@ -147,9 +147,9 @@ def _cartesian(source: Source, blocks: Mapping[str, _Rows], notes: _Notes) -> Ta
     v = np.where(np.abs(v) < -_UNKNOWN, v, np.nan)
     columns |= triad(VELOCITY, np.einsum("nij,nj->ni", level_from_earth(lla), v))
     for kind, names in (("position", "sd_{}_m"), ("velocity", "sd_v{}_m_s")):
-        other = blocks[f"cartesian {kind}"]
-        if len(other):
-            covariance = joined(_key(rows), _key(other), _matrices(other, "xyz"))
+        block = blocks[f"cartesian {kind}"]
+        if len(block):
+            covariance = joined(_key(rows), _key(block), _matrices(block, "xyz"))
             columns |= deviations(level_covariance(covariance, lla), names)
     return _table(source, rows, columns, near, notes, "PVTCartesian")
 
@@ -161,21 +161,22 @@ def _samples(source: Source, blocks: list[Bytes], week: float | None, notes: _No
     for rows in blocks:
         if rows.shape[1] < head.itemsize:
             continue
+        # each block holds `n` sensors of `size` bytes after its head
         heads = as_records(rows, head)
         for size in np.unique(heads["size"]).tolist():
-            for place in (
+            for offset in (
                 range(head.itemsize, rows.shape[1] - size + 1, max(size, 1)) if size >= _SENSOR.itemsize else ()
             ):
-                there = (heads["size"] == size) & (heads["n"] > (place - head.itemsize) // size)
-                sensors = as_records(rows[there][:, place:], _SENSOR)
-                for kind, found in parts.items():
-                    mine = (sensors["type"] == kind) & (sensors["value"] > _UNKNOWN).all(axis=1)
-                    found.append((_key(heads[there][mine]), sensors["value"][mine]))
+                present = (heads["size"] == size) & (heads["n"] > (offset - head.itemsize) // size)
+                sensors = as_records(rows[present][:, offset:], _SENSOR)
+                for kind, pairs in parts.items():
+                    of_kind = (sensors["type"] == kind) & (sensors["value"] > _UNKNOWN).all(axis=1)
+                    pairs.append((_key(heads[present][of_kind]), sensors["value"][of_kind]))
     sorted_parts = {}
-    for kind, found in parts.items():
-        time = np.concatenate([np.empty(0), *(each[0] for each in found)])
+    for kind, pairs in parts.items():
+        time = np.concatenate([np.empty(0), *(pair[0] for pair in pairs)])
         order = np.argsort(time, kind="stable")
-        sorted_parts[kind] = (time[order], np.concatenate([np.empty((0, 3)), *(each[1] for each in found)])[order])
+        sorted_parts[kind] = (time[order], np.concatenate([np.empty((0, 3)), *(pair[1] for pair in pairs)])[order])
     (force_time, force), (time, rate) = sorted_parts[0], sorted_parts[1]
     if not len(force) or not len(rate):
         return None

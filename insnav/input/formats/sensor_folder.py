@@ -1,7 +1,7 @@
 """Folders and archives with one text file per sensor, joined by time: phones, cameras and simulators.
 
-phyphox and Sensor Logger, GoPro telemetry as CSV, and gnss-ins-sim with separate time files. Phone axes are Right,
-Forward, Up when it lies on its back with its top forward.
+Supported: phyphox, Sensor Logger, GoPro telemetry as CSV, and gnss-ins-sim with separate time files. The axes of a
+phone are Right, Forward, Up if the phone lies on its back with its top forward.
 
 References
 ----------
@@ -32,7 +32,7 @@ from insnav.types import FloatArray
 
 name = "folder of sensors"
 
-# kind by lower-case letters of the file name, the most useful first
+# kind of data -> patterns of lower-case letters in the file name, the best first
 _KINDS = {
     "gyro": ("gyroscope", "gyroscopeuncalibrated", "(?!ref).*gyr.*"),
     "accel": (
@@ -48,8 +48,8 @@ _KINDS = {
     "reference": ("refpos",),
     "time": ("time", "gpstime"),
 }
-_PLAIN = {"gyro": GYRO, "accel": ACCEL, "linear": ACCEL, "gravity": ACCEL}  # columns x, y, z of files without units
-_NATIVE = "seconds_elapsed"  # marks Sensor Logger, whose accelerometer excludes gravity
+_PLAIN = {"gyro": GYRO, "accel": ACCEL, "linear": ACCEL, "gravity": ACCEL}  # canonical names of columns x, y, z
+_NATIVE = "seconds_elapsed"  # time of Sensor Logger, whose accelerometer file excludes gravity
 _AXIS = re.compile(r"([xyz])( *[\[(].*)?", re.IGNORECASE)
 
 
@@ -59,8 +59,8 @@ class _File:
 
     source: Source
     table: Table
-    found: Mapping[str, Found]  # its columns, as sample columns
-    numbers: Numbers  # values of these
+    found: Mapping[str, Found]  # its columns by key, such as ``gyro_x``
+    numbers: Numbers  # values of these columns
 
     def column(self, key: str) -> FloatArray:
         """Return values ``(n,)`` of a column, as in the file."""
@@ -70,7 +70,7 @@ class _File:
 def recognise(source: Source) -> bool:
     kinds = _paths(source)
     whole = "gyro" in kinds and bool({"accel", "linear"} & kinds.keys())
-    return whole or _stem(kinds.get("gps", "")) in _KINDS["gps"][:2]  # gps.csv may occur in any folder
+    return whole or _stem(kinds.get("gps", "")) in _KINDS["gps"][:2]  # not gps.csv: any folder may have it
 
 
 def read(source: Source) -> Mapping[str, Table]:
@@ -88,7 +88,7 @@ def read(source: Source) -> Mapping[str, Table]:
     force = files.get("accel", files.get("linear"))
     if force is not None and "gyro" in files:
         gravity = files["gravity"] if "accel" not in files else None
-        used = [_with_times(each, times) for each in (files["gyro"], force, gravity) if each is not None]
+        used = [_with_times(file, times) for file in (files["gyro"], force, gravity) if file is not None]
         tables["imu"] = _samples(source, *used)
     if not tables:
         names = plain_text(", ".join(sorted(source.members)))[:200]
@@ -97,40 +97,40 @@ def read(source: Source) -> Mapping[str, Table]:
 
 
 def _stem(path: str) -> str:
-    """Return a file name in lower-case letters, without endings and run number."""
+    """Return the lower-case letters of a file name, without endings and run number."""
     return re.sub("[^a-z]", "", PurePosixPath(path).name.lower().split(".")[0])
 
 
 def _paths(source: Source) -> dict[str, str]:
-    """Find the best file of each kind by name."""
-    there = sorted(path for path in source.members if path.lower().endswith((".csv", ".txt", ".mat")))
-    found: dict[str, str] = {}
+    """Find the best file of each kind of data by its name."""
+    candidates = sorted(path for path in source.members if path.lower().endswith((".csv", ".txt", ".mat")))
+    best: dict[str, str] = {}
     for kind, patterns in _KINDS.items():
-        ranked = [path for pattern in patterns for path in there if re.fullmatch(pattern, _stem(path))]
-        found |= {kind: ranked[0]} if ranked else {}
-    return found
+        ranked = [path for pattern in patterns for path in candidates if re.fullmatch(pattern, _stem(path))]
+        best |= {kind: ranked[0]} if ranked else {}
+    return best
 
 
 def _open(source: Source, path: str, kind: str) -> _File:
     """Open a file; its name determines the sensor of columns x, y, z."""
-    from insnav.input.interpret.composed import composed  # imports conventions of formats
+    from insnav.input.interpret.composed import composed  # imported here, as it imports formats itself
 
     file = source.members[path]()
     table = composed(delimited_text.read(file)[""])
-    known = _NATIVE in table.headers  # it defines the units
-    headers = ("time", *"xyz") if table.headers == ("1", "2", "3", "4") else table.headers  # imu_tk
+    known = _NATIVE in table.headers  # units are known, since Sensor Logger defines them
+    headers = ("time", *"xyz") if table.headers == ("1", "2", "3", "4") else table.headers  # imu_tk: no header
     headers = tuple(_named(header, kind, known) for header in headers) if kind in _PLAIN else table.headers
     table = replace(table, headers=headers, format=name)
     found, _ = understand(headers, table.units, IMU_SCHEMA, where=file.name)
     wanted = ("time", *(f"{sensor}_{axis}" for sensor in ("gyro", "accel") for axis in "xyz"))
-    there = {key: found[key] for key in wanted if key in found}
-    if kind in _PLAIN and len(there) < 3 + ("time" in there):
+    present = {key: found[key] for key in wanted if key in found}
+    if kind in _PLAIN and len(present) < 3 + ("time" in present):
         raise InputError("format.phone_no_axes", where=file.name, columns=table.headers)
-    return _File(file, table, there, table.cells.read([each.index for each in there.values()]))
+    return _File(file, table, present, table.cells.read([column.index for column in present.values()]))
 
 
 def _named(header: str, kind: str, known: bool) -> str:
-    """Return the header of a sensor axis, with the unit if it is known."""
+    """Return the canonical header of a sensor axis, with the unit if it is known; other headers are unchanged."""
     if (axis := _AXIS.fullmatch(header)) is None:
         return header
     plain = _PLAIN[kind]["xyz".index(axis[1].lower())]
@@ -138,31 +138,31 @@ def _named(header: str, kind: str, known: bool) -> str:
 
 
 def _with_times(file: _File, times: Sequence[_File]) -> _File:
-    """Add times to a file, if they are in a separate file, row by row."""
+    """Add a time column from a separate file of equal length to a file without times."""
     if "time" in file.found or not times:
         return file
     table, stem = file.table, _stem(file.source.name)
     numbers = table.cells.read(range(len(table.headers)))
-    alike = [each for each in times if each.numbers.n_rows == numbers.n_rows]
-    if not alike:
+    equal_length = [file for file in times if file.numbers.n_rows == numbers.n_rows]
+    if not equal_length:
         raise InputError("format.phone_no_time", where=file.source.name, columns=table.headers)
-    clock = max(alike, key=lambda each: stem.startswith("gps") == _stem(each.source.name).startswith("gps"))
+    clock = max(equal_length, key=lambda each: stem.startswith("gps") == _stem(each.source.name).startswith("gps"))
     columns = (*(numbers.columns[i] for i in range(len(table.headers))), clock.column("time"))
-    at = Found(clock.found["time"].quantity, len(table.headers), clock.found["time"].header, clock.found["time"].unit)
-    table = replace(table, headers=(*table.headers, at.header), cells=ArrayCells(columns, table.cells.line))
-    found = {**file.found, "time": at}
-    return _File(file.source, table, found, table.cells.read([each.index for each in found.values()]))
+    time = Found(clock.found["time"].quantity, len(table.headers), clock.found["time"].header, clock.found["time"].unit)
+    table = replace(table, headers=(*table.headers, time.header), cells=ArrayCells(columns, table.cells.line))
+    found = {**file.found, "time": time}
+    return _File(file.source, table, found, table.cells.read([column.index for column in found.values()]))
 
 
 def _samples(source: Source, gyro: _File, force: _File, *gravity: _File) -> Table:
-    """Join samples at the times of the gyros."""
-    time, used = gyro.column("time"), (gyro, force, *gravity)
+    """Interpolate accelerations at the times of the gyros; a separate file of gravity is added to the accelerations."""
+    time, files = gyro.column("time"), (gyro, force, *gravity)
     keys = [f"{sensor}_{axis}" for sensor in ("gyro", "accel") for axis in "xyz"]
     forces = np.sum(
-        [[at_times(time, each.column("time"), each.column(k)) for k in keys[3:]] for each in used[1:]], axis=0
+        [[at_times(time, file.column("time"), file.column(k)) for k in keys[3:]] for file in files[1:]], axis=0
     )
     inside = np.isfinite(np.sum(forces, axis=0))
-    columns = [each[inside] for each in (time, *map(gyro.column, keys[:3]), *forces)]
+    columns = [values[inside] for values in (time, *map(gyro.column, keys[:3]), *forces)]
     headers = (gyro.found["time"].header, *(gyro.found[key].header for key in keys[:3]))
     headers += tuple(force.found[key].header for key in keys[3:])
     notes = [*gyro.table.notes, Finding.of(Code.READ_IMU_INTERPOLATED)]
@@ -171,7 +171,7 @@ def _samples(source: Source, gyro: _File, force: _File, *gravity: _File) -> Tabl
     cells = ArrayCells(tuple(columns), lambda row: f"row {row + 1}", gyro.numbers.cut or force.numbers.cut)
     return Table(
         source.name,
-        digest_of([each.source for each in used]),
+        digest_of([file.source for file in files]),
         headers,
         cells,
         notes=tuple(notes),

@@ -1,4 +1,4 @@
-"""The bytes of a data file: found, unpacked with limits on the size, decoded, with their digest."""
+"""Access to the bytes of a data file: opened, decompressed within size limits, decoded, and with a digest."""
 
 from __future__ import annotations
 
@@ -28,10 +28,10 @@ from insnav import spill
 from insnav.exceptions import InputError, reason_of
 from insnav.plain_text import plain_text
 
-MAX_BYTES = 2 << 30  # of unpacked data
-MAX_RATIO = 40  # of unpacked to packed, beyond RATIO_FROM: recordings have up to 15
+MAX_BYTES = 2 << 30  # largest accepted size of unpacked data [bytes]
+MAX_RATIO = 40  # largest ratio of unpacked to packed size, above RATIO_FROM; recordings have up to 15
 RATIO_FROM = 128 << 20
-MAX_FILES, MAX_DEPTH = 200_000, 6  # of a folder or an archive
+MAX_FILES, MAX_DEPTH = 200_000, 6  # largest numbers of files and levels in a folder or archive
 
 
 def refuse_bomb(where: str, kind: str, packed: int, size: int) -> None:
@@ -40,14 +40,14 @@ def refuse_bomb(where: str, kind: str, packed: int, size: int) -> None:
         raise InputError("format.bomb", where=where, kind=kind, packed_bytes=packed, size_bytes=size)
 
 
-# first bytes -> name, and reader
+# first bytes -> name and reader of a compression
 _KINDS: dict[bytes, tuple[str, Callable[[Any], Any]]] = {
     b"\x1f\x8b": ("gzip", lambda file: gzip.GzipFile(fileobj=file)),
     b"\xfd7zXZ": ("xz", lzma.LZMAFile),
     b"BZh": ("bzip2", bz2.BZ2File),
     b"\x28\xb5\x2f\xfd": ("zstd", lambda file: _zstd(file)),
 }
-# errors of the libraries on damaged data; RuntimeError: encrypted, or of an unknown method
+# errors of the libraries for damaged data; RuntimeError: data are encrypted, or the method is unknown
 _DAMAGE = (zlib.error, lzma.LZMAError, OSError, EOFError, RuntimeError, ValueError, struct.error)
 
 
@@ -56,10 +56,10 @@ def unpacked(raw: bytes | mmap.mmap, name: str) -> bytes | mmap.mmap:
 
     Raises: InputError: it is damaged, truncated, or unpacks to an excessive size.
     """
-    found = next((each for magic, each in _KINDS.items() if raw[:6].startswith(magic)), None)
-    if found is None:
+    compression = next((reader for magic, reader in _KINDS.items() if raw[:6].startswith(magic)), None)
+    if compression is None:
         return raw
-    (kind, opened), total = found, 0
+    (kind, opened), total = compression, 0
 
     def pieces() -> Iterator[bytes]:
         nonlocal total
@@ -111,9 +111,9 @@ def _member(archive: zipfile.ZipFile, entry: zipfile.ZipInfo, name: str) -> Call
     return unpack
 
 
-HEAD_BYTES = 1 << 14  # read to recognise a format
-_PIECE = 1 << 22
-_MAX_STREAM = 128 << 20  # bytes of a stream, which cannot be mapped: an hour at 400 Hz has 115 MB
+HEAD_BYTES = 1 << 14  # first bytes of a file, by which its format is recognised
+_PIECE = 1 << 22  # number of bytes that are processed together
+_MAX_STREAM = 128 << 20  # largest size of a stream, which is held in memory; an hour at 400 Hz has 115 MB
 _ZIP = b"PK\x03\x04"
 
 
@@ -123,8 +123,8 @@ class Source:
 
     name: str  # printable name for the user
     sha256: str  # digest of the file on disk; empty for a folder, see `digest_of`
-    data: bytes | mmap.mmap = b""  # its bytes, decompressed; empty for a folder
-    members: Mapping[str, Callable[[], Source]] = field(default_factory=dict)  # of a folder, by path within it
+    data: bytes | mmap.mmap = b""  # decompressed bytes; empty for a folder or archive
+    members: Mapping[str, Callable[[], Source]] = field(default_factory=dict)  # files of a folder or archive, by path
     path: Path | None = None  # location on disk, if stored unchanged
 
     @property
@@ -136,7 +136,7 @@ class Source:
 def open_source(path: str | Path) -> Source:
     """Open a data file, also compressed, standard input (``-``), or the files of a folder or archive.
 
-    An archive of one file equals that file.
+    An archive with a single file is opened as this file.
     Raises: InputError: it cannot be read, is empty, or decompresses to an excessive size.
     """
     if str(path) == "-":
@@ -156,9 +156,9 @@ def digest_of(sources: Iterable[Source]) -> str:
 
 @contextmanager
 def on_disk(source: Source, suffix: str = "") -> Iterator[Path]:
-    """Provide the path of a file or folder for libraries that open it; unpacked data use a temporary folder.
+    """Provide a path for libraries that open files; other data are written to a temporary folder.
 
-    `suffix`: required ending of its name.
+    `suffix`: required ending of the name.
     """
     if source.path is not None and source.path.name.endswith(suffix):
         yield source.path
@@ -181,11 +181,11 @@ def _source(name: str, raw: bytes | mmap.mmap, path: Path | None = None, depth: 
         raise InputError("format.nested_archives", where=name, limit_count=MAX_DEPTH)
     if len(raw) == 0:
         raise InputError("format.empty", where=name)
-    if not raw[:HEAD_BYTES].strip(b"\0"):  # before reading: such a file may be sparse, and of any size
+    if not raw[:HEAD_BYTES].strip(b"\0"):  # before reading on: a sparse file of zeros may have any size
         raise InputError("format.begins_with_zeros", where=name)
     digest = hashlib.sha256()
-    for at in range(0, len(raw), _PIECE):
-        digest.update(memoryview(raw)[at : at + _PIECE])
+    for start in range(0, len(raw), _PIECE):
+        digest.update(memoryview(raw)[start : start + _PIECE])
         spill.release()
     data = unpacked(raw, name)
     if data[:4] != _ZIP:
@@ -202,18 +202,18 @@ def _source(name: str, raw: bytes | mmap.mmap, path: Path | None = None, depth: 
 
 
 def _folder_members(folder: Path, name: str) -> dict[str, Callable[[], Source]]:
-    found: dict[str, Callable[[], Source]] = {}
+    members: dict[str, Callable[[], Source]] = {}
     for place, folders, files in os.walk(folder):
         inner = Path(place).relative_to(folder)
         folders[:] = [] if len(inner.parts) >= MAX_DEPTH else sorted(f for f in folders if not f.startswith("."))
         for file in sorted(files):
             if not file.startswith("."):
-                found[(inner / file).as_posix()] = functools.partial(open_source, Path(place) / file)
-        if len(found) > MAX_FILES:
+                members[(inner / file).as_posix()] = functools.partial(open_source, Path(place) / file)
+        if len(members) > MAX_FILES:
             raise InputError("format.too_many_files", where=name, limit_count=MAX_FILES)
-    if not found:
+    if not members:
         raise InputError("format.empty_folder", where=name)
-    return found
+    return members
 
 
 def text_of(source: Source) -> tuple[bytes | mmap.mmap, int]:
@@ -230,11 +230,11 @@ def _read_file(path: Path, name: str) -> bytes | mmap.mmap:
         if stat.S_ISDIR(mode):
             raise IsADirectoryError
         with path.open("rb") as file:
-            found = path.stat()
-            if not stat.S_ISREG(mode) or found.st_size == 0:
+            status = path.stat()
+            if not stat.S_ISREG(mode) or status.st_size == 0:
                 return _stream(file, name)
-            if stored := 512 * getattr(found, "st_blocks", 0):  # if the file system reports sparse blocks
-                refuse_bomb(name, "sparse", stored, min(found.st_size, MAX_BYTES))
+            if disk_bytes := 512 * getattr(status, "st_blocks", 0):  # if the file system reports sparse blocks
+                refuse_bomb(name, "sparse", disk_bytes, min(status.st_size, MAX_BYTES))
             return spill.watched(mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ))
     except IsADirectoryError:
         raise
@@ -245,7 +245,7 @@ def _read_file(path: Path, name: str) -> bytes | mmap.mmap:
 
 
 def _stream(file: BinaryIO, name: str) -> bytes:
-    """Read a stream to its end."""
+    """Read a stream to its end; refuse a stream above the size limit."""
     data = file.read(_MAX_STREAM + 1)
     if len(data) > _MAX_STREAM:
         raise InputError("format.endless_stream", where=name, limit_megabytes=_MAX_STREAM >> 20)
@@ -284,11 +284,11 @@ def decoded(raw: bytes | mmap.mmap) -> bytes | mmap.mmap:
 
 
 def _without_zeros(raw: bytes | mmap.mmap) -> tuple[bytes | mmap.mmap, int]:
-    """Remove zeros at the end, left by loggers at power loss."""
+    """Remove zero bytes at the end, which loggers leave at power loss; also return their number."""
     if raw[-1:] != b"\0":
         return raw, 0
     end = len(raw)
-    while end > 0:  # in pieces: such a file may be large and mostly zeros
+    while end > 0:  # in pieces, since a file that ends with zeros may be large
         start = max(0, end - _PIECE)
         kept = len(raw[start:end].rstrip(b"\0"))
         end = start + kept

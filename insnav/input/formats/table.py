@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class Numbers:
-    """Columns of a table."""
+    """Columns that were read from a table."""
 
     columns: dict[int, FloatArray]  # (n,) by index of the column; NaN for an empty cell
     n_rows: int  # number of rows
@@ -53,18 +53,18 @@ class ArrayCells:
 
 @dataclass(frozen=True, slots=True)
 class Table:
-    """Table with header read."""
+    """Table of a file: its header is read, its rows are read on demand."""
 
     name: str  # printable file name
     sha256: str  # digest of the file
     headers: tuple[str, ...]  # names of the columns
-    cells: Cells  # its rows
+    cells: Cells  # rows, read on demand
     units: tuple[str, ...] | None = None  # row of units under the header
     notes: tuple[Finding, ...] = ()  # findings on the format, such as the time scale
     format: str = ""  # name of its format
     week: float | None = None  # GPS week of the time origin, if known
     axes: str = ""  # directions of the sensor's x, y, z in the format's definition; empty if undefined
-    parts: Mapping[str, int] = field(default_factory=dict)  # columns, by header, that were combined into others
+    parts: Mapping[str, int] = field(default_factory=dict)  # index of columns, by header, that form composed columns
     unusable: tuple[str, ...] = ()  # names of logs with unusable samples, in a file without usable samples
 
     def place(self, row: int, index: int | None = None) -> str:
@@ -89,12 +89,12 @@ def column_table(
     `Table`.
     """
     cells = ArrayCells(tuple(columns.values()), lambda number: f"{row} {number + 1}", cut)
-    given = tuple(note for note in notes if note)
-    return Table(source.name, source.sha256, tuple(columns), cells, notes=given, axes=axes, week=week)
+    kept_notes = tuple(note for note in notes if note)
+    return Table(source.name, source.sha256, tuple(columns), cells, notes=kept_notes, axes=axes, week=week)
 
 
 def arrow_floats(part: Any) -> FloatArray:
-    """Convert an Arrow array of doubles to values ``(n,)``, NaN for null. Arrow's `to_numpy` imports pandas (0.3 s)."""
+    """Convert an Arrow array of doubles to ``(n,)``, NaN for null; Arrow's `to_numpy` would import pandas (0.3 s)."""
     validity, buffer = part.buffers()
     end = part.offset + len(part)
     values = np.frombuffer(buffer, dtype=np.float64, count=end)[part.offset :]

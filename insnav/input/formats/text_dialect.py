@@ -13,8 +13,8 @@ from insnav.input.interpret.schema import UNIT_SPELLINGS, compact
 from insnav.plain_text import plain_text
 
 SNIFF_BYTES = 1 << 16
-_SAMPLE_ROWS = 20
-_FEWEST_NUMBERS = 4  # in a table row, if lines of text may precede the table
+_SAMPLE_ROWS = 20  # number of rows that are examined to detect the dialect
+_FEWEST_NUMBERS = 4  # least count of numbers in a row that shows where a table begins
 _COMMENT = ("#", "%", "//")
 # In order of preference; blank means any run of blanks and tabs.
 _DELIMITERS = (",", ";", "\t", "|", " ")
@@ -28,20 +28,20 @@ class Dialect:
     """Text dialect of a table."""
 
     delimiter: str  # one character; a blank means any run of blanks and tabs
-    decimal: str  # ``.`` or ``,``
+    decimal: str  # decimal sign, ``.`` or ``,``
     headers: tuple[str, ...]  # names of the columns
     units: tuple[str, ...] | None  # row of units under the header, if any
-    offset: int  # start of the numbers [bytes]
+    offset: int  # position of the first row of numbers in the text [bytes]
     first_line: int  # first line of numbers, counted from 1
 
 
 def is_comment(line: str) -> bool:
-    """Return whether a line is a comment."""
+    """Return True if a line is a comment."""
     return line.lstrip().startswith(_COMMENT)
 
 
 def split_line(line: str, delimiter: str) -> list[str]:
-    """Split a line into cells without quotes and surrounding blanks; delimiter blank: any run of blanks and tabs."""
+    """Split a line into cells without quotes and surrounding blanks; a blank delimiter means any blanks and tabs."""
     if delimiter == " ":
         return line.split()
     if '"' in line:
@@ -77,8 +77,7 @@ def _numbers(cells: Sequence[str]) -> int:
 def sniff(head: bytes, *, whole: bool, where: str) -> Dialect:
     """Detect the text dialect of a table.
 
-    `head`: the first `SNIFF_BYTES` of the text, UTF-8 or Latin-1. `whole`: this is the complete text.
-
+    `head`: the first `SNIFF_BYTES` of the text, UTF-8 or Latin-1. `whole`: `head` is the complete text.
     Raises: InputError: only one column, or a header that does not fit the rows.
     """
     raw = head.splitlines(keepends=True)
@@ -103,9 +102,9 @@ def sniff(head: bytes, *, whole: bool, where: str) -> Dialect:
         header_line = next((i for i in reversed(comments) if _fits(lines[i], sample)), -1)
         if header_line < 0:
             return _headerless(raw, lines, rows, sample)
-        bare = _bare_comment(lines[header_line])
-        delimiter = _delimiter(bare, sample)
-        names = split_line(bare, delimiter)
+        header_text = _bare_comment(lines[header_line])
+        delimiter = _delimiter(header_text, sample)
+        names = split_line(header_text, delimiter)
     names = _trailing(names, sample, delimiter)
     units, body, sample = _units_row(lines, body, sample, delimiter, len(names))
     _check_width(names, sample, delimiter, where, header_line + 1)
@@ -121,11 +120,11 @@ def sniff(head: bytes, *, whole: bool, where: str) -> Dialect:
 
 
 def _from_header(lines: Sequence[str], rows: list[int]) -> list[int]:
-    """Drop rows before the header, such as logger name and version, which have another width than the numbers."""
-    for k, (row, after) in enumerate(itertools.pairwise(rows[: _SAMPLE_ROWS + 1])):
+    """Drop rows above the header, such as logger name and version; rows of numbers have another width."""
+    for k, (row, next_row) in enumerate(itertools.pairwise(rows[: _SAMPLE_ROWS + 1])):
         for delimiter in _DELIMITERS[:-1]:
-            cells, following = split_line(lines[row], delimiter), split_line(lines[after], delimiter)
-            if len(cells) != len(following) or _numbers(cells) < max(_FEWEST_NUMBERS, 0.7 * len(cells)):
+            cells, next_cells = split_line(lines[row], delimiter), split_line(lines[next_row], delimiter)
+            if len(cells) != len(next_cells) or _numbers(cells) < max(_FEWEST_NUMBERS, 0.7 * len(cells)):
                 continue
             first = k
             while first > 0 and abs(len(split_line(lines[rows[first - 1]], delimiter)) - len(cells)) <= 1:
@@ -135,7 +134,7 @@ def _from_header(lines: Sequence[str], rows: list[int]) -> list[int]:
 
 
 def _headerless(raw: Sequence[bytes], lines: Sequence[str], rows: Sequence[int], sample: Sequence[str]) -> Dialect:
-    """Describe a table without header: columns are 1, 2, 3; a truncated first row is dropped."""
+    """Describe a table without header: its columns are named 1, 2, 3; a truncated first row is dropped."""
     delimiter = _delimiter(lines[rows[1]] if len(rows) > 1 else lines[rows[0]], sample)
     widths = [len(split_line(row, delimiter)) for row in sample]
     width = max(set(widths), key=widths.count)
@@ -165,7 +164,7 @@ def _fits(comment: str, sample: Sequence[str]) -> bool:
 
 
 def _delimiter(header: str, sample: Sequence[str]) -> str:
-    """Choose the delimiter that fits most rows, and among these gives most columns."""
+    """Choose the delimiter that fits most rows; among equal ones, the delimiter that gives most columns."""
 
     def merit(delimiter: str) -> tuple[bool, float, int]:
         width = len(split_line(header, delimiter))

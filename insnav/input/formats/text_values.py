@@ -1,6 +1,6 @@
 """Text cells that represent numbers: dates, times of day, angles with a hemisphere.
 
-Dates become seconds of a GPS week, as in `insnav.input.formats.conventions`; times of day seconds since midnight.
+Dates with times become seconds of a GPS week, as in `time_scales`; times of day become seconds since midnight.
 """
 
 from __future__ import annotations
@@ -49,12 +49,12 @@ class TextValues(NamedTuple):
 
     values: FloatArray  # (n,) seconds, days, degrees or signs; NaN for an empty cell
     form: str  # ``date and time``, ``time of day``, ``date``, ``angle`` or ``hemisphere``
-    note: Finding | None = None  # finding on the times
+    note: Finding | None = None  # finding on the time scale or time zone
     week: float | None = None  # GPS week of the time origin
 
 
 def form_of(cell: str) -> str:
-    """Classify one cell, as in `TextValues`; empty if it represents no number."""
+    """Classify a cell by the forms of `TextValues`; empty if it represents no number."""
     if any(pattern.match(cell) for pattern in _PATTERNS):
         has_time, has_date = ":" in cell, not re.match(r"^\d{1,2}:", cell)
         return {(True, True): "date and time", (True, False): "time of day", (False, True): "date"}[has_time, has_date]
@@ -64,9 +64,9 @@ def form_of(cell: str) -> str:
 
 
 def values_of(texts: Any, where: str) -> TextValues:
-    """Convert an Arrow array of texts to numbers; the first cell determines the form.
+    """Convert an Arrow array of texts to numbers; the first nonempty cell determines the form of all cells.
 
-    Raises: InputError: a cell has another form, or a date is ambiguous; `where` is the column.
+    Raises: InputError: a cell has another form, or a date is ambiguous; `where` is the column, for the error.
     """
     texts = pc.utf8_trim_whitespace(texts)
     first = next((cell for cell in texts.to_pylist() if cell), "")
@@ -78,13 +78,13 @@ def values_of(texts: Any, where: str) -> TextValues:
         cells = [np.nan if not cell else convert(cell.upper()) for cell in texts.to_pylist()]
         _refuse_others([cell is None for cell in cells], texts, first, where)
         return TextValues(np.array(cells, dtype=np.float64), form)
-    pattern = _FORMS[next(i for i, each in enumerate(_PATTERNS) if each.match(first))]
-    found = pc.extract_regex(texts, pattern)
+    pattern = _FORMS[next(i for i, compiled in enumerate(_PATTERNS) if compiled.match(first))]
+    groups = pc.extract_regex(texts, pattern)
     empty = np.asarray(pc.equal(pc.fill_null(texts, ""), "").to_numpy(zero_copy_only=False), dtype=np.bool_)
-    valid = np.asarray(found.is_valid().to_numpy(zero_copy_only=False), dtype=np.bool_)
+    valid = np.asarray(groups.is_valid().to_numpy(zero_copy_only=False), dtype=np.bool_)
     _refuse_others(~valid & ~empty, texts, first, where)
     names = re.findall(r"\?P<(\w+)>", pattern)
-    parts = {name: pc.struct_field(found, name) for name in names}
+    parts = {name: pc.struct_field(groups, name) for name in names}
     second = _seconds(parts) if "hour" in parts else np.zeros(len(empty))
     if form == "time of day":
         note = None if _has_zone(parts) else Finding.of(Code.READ_TIME_OF_DAY, example=first)
@@ -120,7 +120,7 @@ def with_date(day: FloatArray, second: FloatArray) -> GpsTime:
 def _refuse_others(other: Sequence[bool] | Any, texts: Any, first: str, where: str) -> None:
     rows = np.flatnonzero(np.asarray(other, dtype=np.bool_))
     if len(rows):
-        text, like = (plain_text(each)[:40] for each in (texts[int(rows[0])].as_py(), first))
+        text, like = (plain_text(cell)[:40] for cell in (texts[int(rows[0])].as_py(), first))
         row, count = int(rows[0]) + 1, len(rows)
         raise InputError("format.mixed_texts", where=where, text=text, like=like, row=row, count=count)
 
@@ -132,24 +132,24 @@ def _numbers(part: Any, missing: str = "0") -> FloatArray:
 
 
 def _flags(part: Any, *words: str) -> Any:
-    found = pc.is_in(pc.utf8_upper(pc.fill_null(part, "")), value_set=pa.array(words))
-    return np.asarray(found.to_numpy(zero_copy_only=False), dtype=np.bool_)
+    mask = pc.is_in(pc.utf8_upper(pc.fill_null(part, "")), value_set=pa.array(words))
+    return np.asarray(mask.to_numpy(zero_copy_only=False), dtype=np.bool_)
 
 
 def _seconds(parts: dict[str, Any]) -> FloatArray:
-    """Compute seconds since midnight UTC, or in the clock of the texts."""
+    """Compute seconds since midnight ``(n,)``: UTC if the texts state a time zone, otherwise in their own clock."""
     hour = _numbers(parts["hour"])
     hour = np.where(_flags(parts["half"], "AM", "PM"), hour % 12.0, hour) + 12.0 * _flags(parts["half"], "PM")
     second = 3600.0 * hour + 60.0 * _numbers(parts["minute"]) + _numbers(parts["second"])
     zone = pc.fill_null(parts["zone"], "")
-    ahead = pc.if_else(pc.match_substring_regex(zone, r"^[-+]"), pc.replace_substring(zone, ":", ""), "+0000")
-    hours, minutes = _numbers(pc.utf8_slice_codeunits(ahead, 1, 3)), _numbers(pc.utf8_slice_codeunits(ahead, 3, 5))
-    sign = 1.0 - 2.0 * np.asarray(pc.starts_with(ahead, "-").to_numpy(zero_copy_only=False), dtype=np.float64)
+    offset = pc.if_else(pc.match_substring_regex(zone, r"^[-+]"), pc.replace_substring(zone, ":", ""), "+0000")
+    hours, minutes = _numbers(pc.utf8_slice_codeunits(offset, 1, 3)), _numbers(pc.utf8_slice_codeunits(offset, 3, 5))
+    sign = 1.0 - 2.0 * np.asarray(pc.starts_with(offset, "-").to_numpy(zero_copy_only=False), dtype=np.float64)
     return np.asarray(second - sign * (3600.0 * hours + 60.0 * minutes))
 
 
 def _days(parts: dict[str, Any], valid: Any, where: str) -> FloatArray:
-    """Compute days since 6 January 1980."""
+    """Compute days since 6 January 1980 ``(n,)``; refuse dates that are ambiguous or impossible."""
     if "first" in parts:
         one, two = _numbers(parts["first"], "1"), _numbers(parts["then"], "1")
         if one.max() <= 12.0 and two.max() <= 12.0:
@@ -161,23 +161,23 @@ def _days(parts: dict[str, Any], valid: Any, where: str) -> FloatArray:
         month = _numbers(pc.if_else(pc.is_valid(place), pc.cast(pc.add(pc.fill_null(place, 0), 1), pa.string()), names))
         day = _numbers(parts["day"], "1")
     year = _numbers(parts["year"], "1980")
-    found = gps_days(year, month, day)
-    wrong = valid & np.isnan(found)
+    days = gps_days(year, month, day)
+    wrong = valid & np.isnan(days)
     if wrong.any():
         row = int(np.flatnonzero(wrong)[0])
         raise InputError(
             "format.impossible_date", where=where, row=row + 1, day=float(day[row]), month=float(month[row])
         )
-    return found
+    return days
 
 
 def _has_zone(parts: dict[str, Any]) -> bool:
-    """Return whether texts contain a time zone."""
+    """Return True if a text states a time zone."""
     return bool(pc.any(pc.not_equal(pc.fill_null(parts["zone"], ""), "")).as_py())
 
 
 def _utc_assumed(note: Finding | None) -> Finding | None:
-    """Change the finding of UTC times to unknown time zone."""
+    """Change the finding on UTC times: without a stated time zone, UTC is assumed."""
     return None if note is None else replace(note, code=Code.READ_TIME_UTC_ASSUMED)
 
 

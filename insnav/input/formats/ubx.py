@@ -32,7 +32,7 @@ _PLACE = "lon:i4 lat:i4 height:i4 hMSL:i4 hAcc:u4 vAcc:u4"
 _SPEED = "velN:i4 velE:i4 velD:i4 gSpeed:i4"
 _STATE = "tAcc:u4 nano:i4 fixType:u1 flags:u1 flags2:u1 numSV:u1"
 _COVARIANCES = " ".join(f"{kind}{pair}:f4" for kind in ("pos", "vel") for pair in ("NN", "NE", "ND", "EE", "ED", "DD"))
-# class and number of the message as one number, and the fields used
+# message -> class and number as one number, and the fields that are read
 _LAYOUTS: dict[str, tuple[int, np.dtype[Any]]] = {
     "PVT": (0x0701, layout(f"iTOW:u4 {_DATE} valid:u1 {_STATE} {_PLACE} {_SPEED} headMot:i4 sAcc:u4 r1:u4 pDOP:u2")),
     "PVAT": (
@@ -57,17 +57,17 @@ _LAYOUTS: dict[str, tuple[int, np.dtype[Any]]] = {
 }
 _RECEPTION = ("satellites", "numSV", 1.0), ("dop", "pDOP", 0.01)
 _MEAS, _RAW = 0x0210, 0x0310
-_GYRO_TYPES, _ACCEL_TYPES, _TEMPERATURE = (14, 13, 5), (16, 17, 18), 12  # x, y, z
+_GYRO_TYPES, _ACCEL_TYPES, _TEMPERATURE = (14, 13, 5), (16, 17, 18), 12  # sensor types along x, y, z; temperature
 _SCALES = {**dict.fromkeys(_GYRO_TYPES, DEG / 4096.0), **dict.fromkeys(_ACCEL_TYPES, 1.0 / 1024.0), _TEMPERATURE: 0.01}
-_NO_FIX = (0, 1, 5)  # invalid, dead reckoning only, time only
-_RAW_TICK = 39.0625e-6  # of time tags in ESF-RAW [s]; fixes also determine it
-_FEW = 10  # epochs too few to tie the sensor clock to GPS time
-_ORDER_JITTER = 0.1  # timing uncertainty from the message order [s]
+_NO_FIX = (0, 1, 5)  # fixType: invalid, dead reckoning only, time only
+_RAW_TICK = 39.0625e-6  # nominal unit of time tags in ESF-RAW [s]; fixes can correct it
+_FEW = 10  # least number of epochs that relate the sensor clock to GPS time
+_ORDER_JITTER = 0.1  # uncertainty of times from the message order [s]
 
 
 @dataclass(slots=True)
 class _Found:
-    """Messages of one kind."""
+    """Messages of one kind in a log."""
 
     rows: NDArray[Any]  # (n,) records
     at: NDArray[np.int64]  # (n,) positions in the stream
@@ -81,14 +81,14 @@ class _Found:
 def recognise(source: Source) -> bool:
     head = source.head
     return _FRAMING.recognise(head) or (
-        # a first message longer than the examined bytes
+        # the first message is longer than the examined bytes
         len(head) > 8 and head.startswith(b"\xb5b") and 8 + int.from_bytes(head[4:6], "little") > len(head)
     )
 
 
 def read(source: Source) -> Mapping[str, Table]:
     messages = _FRAMING.find(source.data, [*(number for number, _ in _LAYOUTS.values()), _MEAS, _RAW])
-    found = {key: _Found(*messages[number].records(each, _HEAD)) for key, (number, each) in _LAYOUTS.items()}
+    found = {key: _Found(*messages[number].records(fields, _HEAD)) for key, (number, fields) in _LAYOUTS.items()}
     notes = [
         Finding.of(Code.READ_ROWS_DAMAGED, subject=f"NAV-{key}", count=damaged)
         for key, (number, _) in _LAYOUTS.items()
@@ -111,7 +111,7 @@ def read(source: Source) -> Mapping[str, Table]:
 
 @dataclass(frozen=True, slots=True)
 class _Clock:
-    """Time and stream position of each epoch."""
+    """Time [s] and stream position of each epoch ``(n,)``, and the GPS week."""
 
     time: FloatArray = field(default_factory=lambda: np.empty(0))
     at: NDArray[np.int64] = field(default_factory=lambda: np.empty(0, dtype=np.int64))
@@ -155,19 +155,19 @@ def _fixes(source: Source, found: Mapping[str, _Found], base: str, notes: list[F
     usable = (flags & 1 == 1) & ~np.isin(kind, _NO_FIX)
     carrier = (flags.astype(np.int64) >> 6) & 3 if base in ("PVT", "PVAT") else np.zeros(len(key), dtype=np.int64)
     kinds = np.select([~usable, carrier == 2, carrier == 1, flags & 2 == 2], [0, 1, 2, 4], 5)
-    types, row = {each: float(each) for each in (1, 2, 4, 5)}, f"NAV-{base}"
+    types, row = {fix: float(fix) for fix in (1, 2, 4, 5)}, f"NAV-{base}"
     table = conventions.fix_table(source, columns, kinds, types, [note, *notes, fused], row=row, week=first)
     return table, _Clock(time, main.at, first)
 
 
 def _week(rows: NDArray[Any]) -> FloatArray:
-    """Compute the week of each epoch from its date; fill unknown weeks from neighbours."""
+    """Compute the GPS week of each epoch from its date; neighbours determine weeks of epochs without a valid date."""
     valid = (rows["valid"] & 1 == 1) & (rows["year"] > 1979) & (rows["month"] >= 1) & (rows["month"] <= 12)
     week = np.full(len(rows), np.nan)
     part = rows[valid]
     day = gps_days(*(part[key].astype(np.float64) for key in ("year", "month", "day")))
     second = 3600.0 * part["hour"] + 60.0 * part["min"] + part["sec"]
-    # time of the week is exact; the date, rounded near midnight, only identifies the week
+    # the time of the week is exact; the date, which is rounded near midnight, identifies only the week
     since = day * 86_400.0 + second + leap_seconds(day, second)
     week[valid] = np.round((since - 1e-3 * part["iTOW"]) / WEEK)
     return _filled(week, rows["iTOW"].astype(np.float64))
@@ -182,34 +182,34 @@ def _joined_week(key: FloatArray, found: Mapping[str, _Found]) -> FloatArray:
 
 
 def _filled(week: FloatArray, key: FloatArray) -> FloatArray:
-    """Extend known weeks to all epochs, across rollovers of the time of the week."""
+    """Extend known weeks to all epochs ``(n,)``, also across the end of a week."""
     known = np.isfinite(week)
     if not known.any():
         return week
-    turns = np.concatenate(([0.0], np.cumsum(np.diff(key) < -302_400_000.0)))
-    return np.where(known, week, np.median((week - turns)[known]) + turns)
+    rollovers = np.concatenate(([0.0], np.cumsum(np.diff(key) < -302_400_000.0)))
+    return np.where(known, week, np.median((week - rollovers)[known]) + rollovers)
 
 
 def _position(rows: NDArray[Any]) -> dict[str, FloatArray]:
     fine = "lonHp" in (rows.dtype.names or ())
     part = {key: 0.01 * rows[f"{key}Hp"] if fine else 0.0 for key in ("lat", "lon")}
     unit = 1e-4 if fine else 1e-3
-    found = {
+    columns = {
         "lat_deg": 1e-7 * (rows["lat"] + part["lat"]),
         "lon_deg": 1e-7 * (rows["lon"] + part["lon"]),
         "height_m": 1e-3 * rows["height"] + (1e-4 * rows["heightHp"] if fine else 0.0),
         **conventions.by_accuracy(rows["hAcc"] * unit, rows["vAcc"] * unit),
     }
     if not fine:
-        return found
+        return columns
     valid = rows["flags"] & 1 == 0
-    return {key: np.where(valid, values, np.nan) for key, values in found.items()}
+    return {key: np.where(valid, values, np.nan) for key, values in columns.items()}
 
 
 def _speed(rows: NDArray[Any], unit: float) -> dict[str, FloatArray]:
-    found = {f"v{axis}_m_s": unit * rows[f"vel{axis.upper()}"] for axis in "ned"}
-    side = unit * rows["sAcc"] / np.sqrt(2.0)  # accuracy of the ground speed
-    return found | conventions.deviations(np.column_stack([side] * 3), "sd_v{}_m_s")
+    columns = {f"v{axis}_m_s": unit * rows[f"vel{axis.upper()}"] for axis in "ned"}
+    side = unit * rows["sAcc"] / np.sqrt(2.0)  # sAcc: accuracy of the ground speed
+    return columns | conventions.deviations(np.column_stack([side] * 3), "sd_v{}_m_s")
 
 
 def _covariances(rows: NDArray[Any]) -> dict[str, FloatArray]:
@@ -227,18 +227,18 @@ def _joined_columns(key: FloatArray, found: _Found, make: Any, *args: float) -> 
 
 
 def _quality(rows: NDArray[Any], key: FloatArray, found: Mapping[str, _Found]) -> tuple[FloatArray, NDArray[Any]]:
-    """Return kind and flags of each fix."""
+    """Return the type and the flags of each fix, from the fix or from the SOL message of its epoch."""
     if "fixType" in (rows.dtype.names or ()):
         return rows["fixType"], rows["flags"]
     kind = joined(key, found["SOL"].key, found["SOL"].rows["fixType"].astype(np.float64))
     flags = joined(key, found["SOL"].key, found["SOL"].rows["flags"].astype(np.float64))
     usable = np.isfinite(kind)
-    # without quality information, a position is valid
+    # a position without quality information counts as valid
     return np.where(usable, kind, 3.0), np.where(usable, flags, 1.0).astype(np.int64)
 
 
 def _samples(source: Source, messages: Mapping[int, Messages], clock: _Clock) -> Table | None:
-    """Read IMU samples in ESF-MEAS, else ESF-RAW, on the clock of the fixes."""
+    """Read IMU samples of ESF-MEAS, or else of ESF-RAW, with times of the fixes' clock."""
     for number, label in ((_MEAS, "ESF-MEAS"), (_RAW, "ESF-RAW")):
         tag, value, sensor, at = _measurements(messages[number], raw=label == "ESF-RAW")
         columns, tags, places = _sensors(tag, value, sensor, at)
@@ -252,26 +252,27 @@ def _samples(source: Source, messages: Mapping[int, Messages], clock: _Clock) ->
 def _measurements(messages: Messages, *, raw: bool) -> tuple[Any, Any, Any, Any]:
     """Return time tag, value, sensor and position of every measurement, (n,)."""
     parts: list[tuple[Any, ...]] = []
-    for where, block in zip(messages.at, messages.rows, strict=True):
+    for positions, block in zip(messages.at, messages.rows, strict=True):
         body = block[:, _HEAD:-2]
         if body.shape[1] < 12:
             continue
         words = np.ascontiguousarray(body[:, : body.shape[1] // 4 * 4]).view("<u4").astype(np.int64)
         if raw:
             values, tags = words[:, 1:-1:2], words[:, 2::2]
-            there = np.ones(values.shape, dtype=bool)
+            present = np.ones(values.shape, dtype=bool)
         else:
             count = words[:, 1] >> 11 & 31
             values = words[:, 2:]
-            there = np.arange(values.shape[1]) < count[:, None]
+            present = np.arange(values.shape[1]) < count[:, None]
             tags = np.broadcast_to(words[:, :1], values.shape)
-        number = values & 0xFFFFFF
-        signed = number - ((number >> 23) << 24)
-        places = np.broadcast_to(where[:, None], values.shape)
-        parts.append((tags[there], signed[there], (values >> 24 & (255 if raw else 63))[there], places[there]))
+        # a word holds the signed value in 24 bits, and the type of the sensor above
+        unsigned = values & 0xFFFFFF
+        signed = unsigned - ((unsigned >> 23) << 24)
+        places = np.broadcast_to(positions[:, None], values.shape)
+        parts.append((tags[present], signed[present], (values >> 24 & (255 if raw else 63))[present], places[present]))
     if not parts:
         return (np.empty(0), np.empty(0), np.empty(0), np.empty(0, dtype=np.int64))
-    tag, value, sensor, at = (np.concatenate(each) for each in zip(*parts, strict=True))
+    tag, value, sensor, at = (np.concatenate(values) for values in zip(*parts, strict=True))
     order = np.argsort(at, kind="stable")
     return tag[order], value[order], sensor[order], at[order]
 
@@ -279,27 +280,27 @@ def _measurements(messages: Messages, *, raw: bool) -> tuple[Any, Any, Any, Any]
 def _sensors(tag: Any, value: Any, sensor: Any, at: Any) -> tuple[dict[str, FloatArray], FloatArray, Any]:
     """Arrange the six sensors at the time tags of the first gyro; empty if one is missing."""
     names = dict(zip((*_GYRO_TYPES, *_ACCEL_TYPES), conventions.GYRO + conventions.ACCEL, strict=True))
-    if not all((sensor == each).any() for each in names):
+    if not all((sensor == sensor_type).any() for sensor_type in names):
         return {}, np.empty(0), np.empty(0, dtype=np.int64)
     first = sensor == _GYRO_TYPES[0]
-    turns = np.concatenate(([0], np.cumsum(np.diff(tag) < -(1 << 31))))  # time tags overflow at 32 bits
-    tags = np.asarray(tag + turns * float(1 << 32), dtype=np.float64)
+    overflows = np.concatenate(([0], np.cumsum(np.diff(tag) < -(1 << 31))))  # time tags overflow at 32 bits
+    tags = np.asarray(tag + overflows * float(1 << 32), dtype=np.float64)
     wanted = tags[first]
     columns = {}
-    for each, column in names.items():
-        mine = sensor == each
-        columns[column] = at_times(wanted, tags[mine], value[mine] * _SCALES[each])
-    warm = sensor == _TEMPERATURE
-    if warm.any():
-        columns["temperature_c"] = at_times(wanted, tags[warm], value[warm] * _SCALES[_TEMPERATURE])
+    for sensor_type, column in names.items():
+        of_sensor = sensor == sensor_type
+        columns[column] = at_times(wanted, tags[of_sensor], value[of_sensor] * _SCALES[sensor_type])
+    of_temperature = sensor == _TEMPERATURE
+    if of_temperature.any():
+        columns["temperature_c"] = at_times(wanted, tags[of_temperature], value[of_temperature] * _SCALES[_TEMPERATURE])
     return columns, wanted, at[first]
 
 
 def _sensor_time(tags: FloatArray, places: Any, clock: _Clock, *, raw: bool) -> tuple[FloatArray, Finding]:
-    """Convert sample times to the clock of the fixes, [s].
+    """Convert time tags of samples ``(n,)`` to the clock of the fixes [s].
 
-    An epoch is logged slightly late. A line through the latest samples before each epoch, shifted to zero delay of the
-    earliest log entry, ties the two clocks.
+    A line relates the time tags of the last samples before each epoch to the times of the epochs. Epochs are logged
+    slightly late, so the line is shifted to the least delay.
     """
     before = np.searchsorted(places, clock.at) - 1
     known = before >= 0
@@ -311,8 +312,8 @@ def _sensor_time(tags: FloatArray, places: Any, clock: _Clock, *, raw: bool) -> 
         return 1e-3 * tags, Finding.of(code, count=len(x), limit_count=_FEW)
     rate = float(np.polyfit(x - x[0], y - y[0], 1)[0])
     nominal = _RAW_TICK if raw else 1e-3
-    if abs(rate / nominal - 1.0) * np.ptp(y) < _ORDER_JITTER:  # the order is no more accurate
+    if abs(rate / nominal - 1.0) * np.ptp(y) < _ORDER_JITTER:  # the message order is not more accurate
         rate = nominal
-    late = (y - y[0]) - rate * (x - x[0])
-    time = rate * (tags - x[0]) + float(np.quantile(late, 0.98)) + y[0]
+    offset = (y - y[0]) - rate * (x - x[0])
+    time = rate * (tags - x[0]) + float(np.quantile(offset, 0.98)) + y[0]
     return time, Finding.of(Code.READ_TIME_BY_MESSAGES, tick_s=rate)

@@ -10,7 +10,7 @@ _DATA = {
     b"ARROW1": "an Arrow / Feather file",
     b"\x93NUMPY": "a NumPy .npy array",
     b"<": "XML or HTML (also GPX, KML)",
-    b"\xd0\xcf\x11\xe0": "a spreadsheet",  # of Excel before 2007
+    b"\xd0\xcf\x11\xe0": "a spreadsheet",  # spreadsheet of Excel before 2007
 }
 _PICKLE, _RTCM = {b"\x80\x04\x95": "a Python pickle"}, {b"\xd3\x00": "an RTCM 3 stream"}
 _OTHERS = {

@@ -30,7 +30,7 @@ _SAMPLES = (
 )
 _TEMPERATURE = {"temperature_c": "IMU::Temp [Celsius]"}
 _LLA = {"lat_deg": "latitude [deg]", "lon_deg": "longitude [deg]", "height_m": "altitude [m]"}
-_PLACE = {key: f"GNSS1::PosLla::{each}" for key, each in _LLA.items()}
+_PLACE = {key: f"GNSS1::PosLla::{name}" for key, name in _LLA.items()}
 _OTHERS = {
     **{f"v{axis.lower()}_m_s": f"GNSS1::VelNed::{axis} [m/s]" for axis in _NED},
     **{f"sd_{axis.lower()}": f"GNSS1::PosU::{axis} [m]" for axis in _NED},
@@ -40,12 +40,12 @@ _OTHERS = {
     "fix_week": "GNSS1::Week",
 }
 _INS = {
-    **{key: f"INS::PosLla::{each}" for key, each in _LLA.items()},
+    **{key: f"INS::PosLla::{name}" for key, name in _LLA.items()},
     **{f"v{axis.lower()}_m_s": f"INS::VelNed::{axis} [m/s]" for axis in _NED},
     **{f"{key}_deg": f"Att::YawPitchRoll::{key[0].upper()} [deg]" for key in ("roll", "pitch")},
     "heading_deg": "Att::YawPitchRoll::Y [deg]",
 }
-_FIXES = {2: 5.0, 3: 5.0, 4: 4.0, 7: 2.0, 8: 1.0}  # 2D, 3D, SBAS, RTK float, RTK fixed
+_FIXES = {2: 5.0, 3: 5.0, 4: 4.0, 7: 2.0, 8: 1.0}  # code of 2D, 3D, SBAS, RTK float, RTK fixed -> fix type
 
 
 def recognise(source: Source) -> bool:
@@ -56,7 +56,7 @@ def recognise(source: Source) -> bool:
 def read(source: Source) -> Mapping[str, Table]:
     table = delimited_text.read(source)[""]
     samples = [
-        dict(zip(GYRO + ACCEL, [each.format(axis) for each in pair for axis in _AXES], strict=True))
+        dict(zip(GYRO + ACCEL, [name.format(axis) for name in pair for axis in _AXES], strict=True))
         for pair in _SAMPLES
     ]
     kinds = (_TIMES, _TEMPERATURE, _PLACE, _OTHERS, _INS, *samples)
@@ -74,13 +74,13 @@ def read(source: Source) -> Mapping[str, Table]:
     solution = text.named(_INS)
     if len(solution) == len(_INS) and (solution["lat_deg"] != 0.0).any():
         solution["heading_deg"] = solution["heading_deg"] % 360.0
-        own = [note, Finding.of(Code.READ_FUSED)]
-        tables["reference"] = column_table(source, {"time_s": time, **solution}, own, cut=text.cut, week=week)
+        fused_notes = [note, Finding.of(Code.READ_FUSED)]
+        tables["reference"] = column_table(source, {"time_s": time, **solution}, fused_notes, cut=text.cut, week=week)
     return tables or {"": table}
 
 
 def _time(clock: Mapping[str, FloatArray]) -> GpsTime:
-    """Return seconds of the GPS week, else since power-up."""
+    """Return seconds of the GPS week; without GPS time, seconds since power-up."""
     if "tow" in clock and "week" in clock and np.nanmax(clock["week"], initial=0.0) > 0.0:
         return _of_week(clock["week"], clock["tow"])
     if "tow_s" in clock and np.isfinite(clock["tow_s"]).any():
@@ -98,7 +98,7 @@ def _of_week(week: FloatArray, tow: FloatArray) -> GpsTime:
 
 
 def _fixes(source: Source, place: dict[str, FloatArray], text: TextColumns, clock: GpsTime) -> Table:
-    """Select fixes at their own times, without invalid and repeated rows."""
+    """Select the fixes at their own times, without invalid rows and without repetitions of a fix."""
     others = text.named(_OTHERS)
     if "fix_week" in others and "fix_tow" in others:
         clock = _of_week(others["fix_week"], others["fix_tow"])
@@ -109,7 +109,7 @@ def _fixes(source: Source, place: dict[str, FloatArray], text: TextColumns, cloc
     if "sd_v" in others:
         columns |= deviations(np.column_stack([others["sd_v"]] * 3), "sd_v{}_m_s")
     kind = others.get("kind", np.full(len(clock.time), 3.0))
-    fresh = np.concatenate(([True], np.diff(clock.time) != 0.0))[: len(kind)]  # rows between fixes repeat the last fix
+    fresh = np.concatenate(([True], np.diff(clock.time) != 0.0))[: len(kind)]  # rows between fixes repeat the fix
     kind = np.where(np.isfinite(clock.time), kind, np.nan)[fresh]
     columns = {key: column[fresh] for key, column in columns.items()}
     return fix_table(source, columns, kind, _FIXES, [clock.note], row="rows", cut=text.cut, week=clock.week)

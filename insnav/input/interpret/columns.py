@@ -1,4 +1,4 @@
-"""Identification of columns: headers matched with the schema, with units, or an error with suggestions."""
+"""Identification of columns: each header is matched with a quantity and its unit; errors suggest similar headers."""
 
 from __future__ import annotations
 
@@ -22,22 +22,22 @@ from insnav.units import DEG
 
 _BRACKETS = re.compile(r"^(?P<base>[^\[\](){}]+?)\s*[\[({](?P<unit>[^\[\](){}]*)[\])}]\s*$")
 _WORDS = re.compile(r"[^\W_]+")
-_INDEXED = re.compile(r"^(?P<base>.+?)\[(?P<index>\d)\]$")
+_INDEXED = re.compile(r"^(?P<base>.+?)\[(?P<index>\d)\]$")  # header with an index, such as gyro[0]
 _QUATERNION = re.compile(r"q(uat(ernion)?)?[ _.]?[wxyz0-3]", re.IGNORECASE)
 _COUNTED = re.compile(r"^(?P<base>.*?[A-Za-z_ ]\[?)(?P<index>[0-3])(?P<rest>(?:[\s_\[\](].*)?)$")
-_MEANT = {
+_MEANT = {  # compact header -> header with the unit that it really has
     "verticalaccuracydeg": "vertical accuracy (m)",  # phyphox gives degrees instead of metres
     "millis": "time (ms)",
-    "timestartup": "time (ns)",  # VectorNav
+    "timestartup": "time (ns)",  # header in VectorNav files, which count nanoseconds
     "micros": "time (us)",
     **dict.fromkeys(("utcnano", "logmonotime"), "time (ns)"),
 }
-_NO_UNIT = re.compile("wgs84|txt|x[0-9a-f]{4}")  # in brackets, but no unit, such as a message number
-# before a name: the topic of a path (PlotJuggler); a device with its serial number (SensorConnect) or a colon (DatCon)
+_NO_UNIT = re.compile("wgs84|txt|x[0-9a-f]{4}")  # texts in brackets that are no unit, such as a message number
+# before the name in a header: topic path (PlotJuggler), device with serial number (SensorConnect) or colon (DatCon)
 _DEVICE = re.compile(r"^(?:/[^/]+(?=/.)|/|.*(?:\d{4,}[._:/ -]+|:)(?=[A-Za-z]))")
-_CHIP = re.compile(r"(?i).+\b(accelerometer|gyroscope)(?: (?!uncal)[^.]*)?[.]([xyz])")  # sensors of Android
-_NAMED = 3  # quantities besides the time that identify a header line
-_LISTED = 12  # unused columns listed in a finding
+_CHIP = re.compile(r"(?i).+\b(accelerometer|gyroscope)(?: (?!uncal)[^.]*)?[.]([xyz])")  # Android: chip, sensor, axis
+_NAMED = 3  # least number of quantities, besides time, in a header line
+_LISTED = 12  # largest number of unused columns that a finding lists
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,25 +45,25 @@ class Found:
     """Identified column."""
 
     quantity: Quantity  # its quantity
-    index: int  # column number in the file
+    index: int  # column index in the file, from 0
     header: str  # its header as written
     unit: str | None  # unit stated by file or user, or ``None``
 
     @property
     def factor(self) -> float:
-        """Factor from the stated unit, or the unit of the canonical name, to SI."""
+        """Factor from the stated unit to SI; without a stated unit, from the unit of the canonical name."""
         unit = self.unit or self.quantity.unit
         return ALL_UNITS[unit][1] if unit else 1.0
 
     def describe(self, unit: str | None = None) -> str:
-        """Describe header and unit."""
+        """Return the header with its unit in brackets."""
         unit = unit or self.unit or self.quantity.unit
         return f"{self.header} [{unit}]" if unit else self.header
 
 
 def find_unit(text: str, dimension: str) -> str | None:
-    """Find the unit of a dimension (see `insnav.units.UNITS`) in a text, in common spellings; None if absent."""
-    if text in ALL_UNITS:  # "ms" is not "m/s"
+    """Return the unit that a text spells, if it has the dimension (see `insnav.units.UNITS`); otherwise None."""
+    if text in ALL_UNITS:  # exact names first: "ms" is not "m/s"
         return text if ALL_UNITS[text][0] == dimension else None
     table = UNIT_SPELLINGS.get(dimension, {})
     word = compact(text)
@@ -75,9 +75,9 @@ def match_header(
 ) -> tuple[Quantity, str | None, int] | None:
     """Match one header with a quantity.
 
-    `header`: such as ``gyro_x[deg/s]``, ``gx_dps``, ``Latitude (deg)``.
-    Returns: the quantity, the stated unit, and a rank (0 is the most reliable spelling). A known name with an unknown
-    unit in brackets is refused.
+    `header`: such as ``gyro_x[deg/s]``, ``gx_dps``, ``Latitude (deg)``. `unit_below`: unit from the row of units.
+    Returns: the quantity, the stated unit, and a rank (0: the most reliable spelling); None without a match. A known
+    name with an unknown unit in brackets is refused.
     """
     if compact(header) in _MEANT:
         header = _MEANT[compact(header)]
@@ -104,7 +104,7 @@ def match_header(
 
 
 def key_of(header: str, schema: Sequence[Quantity]) -> str:
-    """Return the key of the quantity that a header names; empty without, and for an unknown unit."""
+    """Return the key of the quantity that a header names; empty if the header or its unit is unknown."""
     with suppress(InputError):
         match = match_header(header, schema)
         return match[0].key if match else ""
@@ -112,7 +112,7 @@ def key_of(header: str, schema: Sequence[Quantity]) -> str:
 
 
 def is_header(line: str, schema: Sequence[Quantity]) -> bool:
-    """Return whether a line names time and three other quantities of a schema."""
+    """Return True if a line names the time and at least three other quantities of a schema."""
     keys = {key_of(header, schema) for header in re.split("[,;\t]", line.replace('"', ""))} - {""}
     return "time" in keys and len(keys) > _NAMED
 
@@ -138,7 +138,7 @@ def _match_word(word: str, unit_text: str, schema: Sequence[Quantity]) -> tuple[
         raise InputError("columns.unknown_unit", text=unit_text, **values)
     for cut in range(len(word) - 1, 0, -1):
         for quantity in schema:
-            for base in (word[:cut], word[:cut].removesuffix("in")):  # such as ``time in ms``
+            for base in (word[:cut], word[:cut].removesuffix("in")):  # a header such as ``time in ms``
                 unit = UNIT_SPELLINGS.get(quantity.dimension, {}).get(word[cut:])
                 if base in quantity.spellings and unit is not None:
                     return quantity, unit, quantity.spellings.index(base)
@@ -156,32 +156,33 @@ def understand(
 ) -> tuple[dict[str, Found], tuple[Finding, ...]]:
     """Assign columns to quantities.
 
-    `headers`, `units_row`: from the file, and the row of units under the header, if any. `columns`: from the user:
-    name, with or without unit (``gyro_x``, ``gyro_x_dps``), to header; an empty header means no such column. `parts`:
-    columns, by header, that were combined; the user may name them.
+    `units_row`: row of units under the header, if any. `columns`: the user's columns: quantity, with or without unit
+    (``gyro_x``, ``gyro_x_dps``), to header; an empty header means that the file lacks the quantity. `parts`: index of
+    columns, by header, that were composed to other columns; the user may name them.
     Raises: InputError: a duplicate header, or two columns for one quantity. ConfigError: `columns` names a missing
     column, or contradicts the unit of its header.
     """
     named = [h for h in headers if h]
-    twice = sorted({h for h in named if named.count(h) > 1})
-    if twice:
-        raise InputError("columns.header_twice", where=where, column=twice[0], count=named.count(twice[0]))
-    given, silent = _given(headers, units_row, schema, columns or {}, parts or {}, where)
-    taken = {found.index for found in given.values()}
+    repeated = sorted({h for h in named if named.count(h) > 1})
+    if repeated:
+        raise InputError("columns.header_twice", where=where, column=repeated[0], count=named.count(repeated[0]))
+    by_user, absent = _given(headers, units_row, schema, columns or {}, parts or {}, where)
+    taken = {found.index for found in by_user.values()}
     ranked: dict[str, list[tuple[int, Found]]] = {}
     unused: list[str] = []
     notes: list[Finding] = []
-    for index, (header, spelled) in enumerate(zip(headers, from_zero(headers), strict=True)):
+    for index, (header, renamed) in enumerate(zip(headers, from_zero(headers), strict=True)):
         if not header or index in taken:
             continue
         match = None
         with suppress(InputError):  # unknown unit: `require` reports it if the column is needed
-            match = match_header(spelled, schema, units_row[index] if units_row else "")
-        if match is not None and match[0].key not in given and match[0].key not in silent:
+            match = match_header(renamed, schema, units_row[index] if units_row else "")
+        if match is not None and match[0].key not in by_user and match[0].key not in absent:
             ranked.setdefault(match[0].key, []).append((match[2], Found(match[0], index, header, match[1])))
         elif match is None:
             unused.append(header)
-    found = dict(given)
+    found = dict(by_user)
+    # the column with the most reliable spelling is used; equally reliable columns are ambiguous
     for key, candidates in ranked.items():
         candidates.sort(key=lambda item: (item[0], item[1].index))
         best = candidates[0]
@@ -190,11 +191,11 @@ def understand(
             given_as: dict[str, Any] = {"option": "--columns", "columns": quote_columns({key: best[1].header})}
             raise InputError("columns.ambiguous", where=where, quantity=key, headers=both, **given_as)
         found[key] = best[1]
-        for _, other in candidates[1:]:
-            notes.append(Finding.of(Code.COLUMNS_TWICE, column=other.header, quantity=key, used=best[1].header))
-    turned = [header for header in unused if _QUATERNION.fullmatch(header.strip())]
-    if len(turned) == 4 and "heading" in {q.key for q in schema} and not {"roll", "pitch", "heading"} & found.keys():
-        notes.append(Finding.of(Code.COLUMNS_QUATERNION, columns=tuple(turned)))
+        for _, duplicate in candidates[1:]:
+            notes.append(Finding.of(Code.COLUMNS_TWICE, column=duplicate.header, quantity=key, used=best[1].header))
+    quats = [header for header in unused if _QUATERNION.fullmatch(header.strip())]
+    if len(quats) == 4 and "heading" in {q.key for q in schema} and not {"roll", "pitch", "heading"} & found.keys():
+        notes.append(Finding.of(Code.COLUMNS_QUATERNION, columns=tuple(quats)))
     if unused and not is_headerless(headers):
         notes.append(unused_columns(unused))
     return found, tuple(notes)
@@ -207,7 +208,7 @@ def unused_columns(headers: Sequence[str]) -> Finding:
 
 
 def from_zero(headers: Sequence[str]) -> list[str]:
-    """Rename array headers 1, 2, 3 as counted from 0, in the schema's spelling."""
+    """Renumber headers of arrays that count from 1 to 3, to count from 0 to 2 as in the schema."""
     parts = [_COUNTED.match(header) for header in headers]
     counts: dict[tuple[str, str], set[str]] = {}
     for part in parts:
@@ -228,9 +229,9 @@ def _given(
     parts: Mapping[str, int],
     where: str,
 ) -> tuple[dict[str, Found], set[str]]:
-    """Return columns named by the user, and keys that the user declared absent."""
+    """Return the columns that the user named, by key, and the keys that the user declared absent."""
     given: dict[str, Found] = {}
-    silent: set[str] = set()
+    absent: set[str] = set()
     for name, header in columns.items():
         match = match_header(name, schema)
         if match is None:
@@ -239,7 +240,7 @@ def _given(
             raise ConfigError("columns.unknown_quantity", where="columns", quantity=name, **known)
         quantity, unit, _ = match
         if not header:
-            silent.add(quantity.key)
+            absent.add(quantity.key)
             continue
         if header not in headers and header not in parts:
             values: dict[str, Any] = {
@@ -250,16 +251,16 @@ def _given(
             }
             raise ConfigError("columns.no_such_column", where=f"columns, {name}", **values)
         index = parts[header] if header in parts else list(headers).index(header)
-        own = _unit_in(header, units_row[index] if units_row else "", quantity.dimension)
-        if unit and own not in (None, unit):
-            values = {"column": header, "unit": own, "given": unit, "quantity": quantity.key}
+        header_unit = _unit_in(header, units_row[index] if units_row else "", quantity.dimension)
+        if unit and header_unit not in (None, unit):
+            values = {"column": header, "unit": header_unit, "given": unit, "quantity": quantity.key}
             raise ConfigError("columns.unit_conflict", where=f"columns, {name}", **values)
-        given[quantity.key] = Found(quantity, index, header, unit or own)
-    return given, silent
+        given[quantity.key] = Found(quantity, index, header, unit or header_unit)
+    return given, absent
 
 
 def _unit_in(header: str, unit_below: str, dimension: str) -> str | None:
-    """Find the unit of an unknown header: in brackets, below it, or in its last words."""
+    """Find the unit of a column in brackets in its header, in the row of units, or in the last words of the header."""
     bracket = _BRACKETS.match(header)
     words = _WORDS.findall(header)
     for text in (bracket["unit"] if bracket else "", unit_below, *("_".join(words[i:]) for i in range(1, len(words)))):
@@ -277,15 +278,16 @@ def require(
     hint: str = "",
     gives: Mapping[str, Any] | None = None,
 ) -> None:
-    """Refuse a file without a required column, with found and similar columns in the error.
+    """Refuse a file without a required column; the error lists its columns and suggests similar ones.
 
-    `hint`: catalogue word for the apparent content of the file. `gives`: columns that fit by their values.
+    `hint`: message key for the apparent content of the file. `gives`: columns identified by their values.
     """
     keys = tuple(keys)
     missing = [q for key in keys if key not in found for q in schema if q.key == key]
     if not missing:
         return
     headers, where = table.headers, table.name
+    # if a needed column has an unknown unit, this is the error
     for named, unit in zip(headers, table.units or [""] * len(headers), strict=False):
         try:
             match_header(named, missing, unit)
@@ -294,47 +296,47 @@ def require(
             raise
     if len(headers) == 1 and not hint:
         raise InputError("format.one_column", where=where, header=headers[0][:80])
-    guess = quote_columns(gives["columns"]) if gives else ""
+    by_values = quote_columns(gives["columns"]) if gives else ""
     if is_headerless(headers):
-        numbers = "" if guess else quote_columns(dict.fromkeys(keys, "NUMBER"))
+        numbers = "" if by_values else quote_columns(dict.fromkeys(keys, "NUMBER"))
         values: dict[str, Any] = {
             "hint": hint,
-            "guess": "" if hint else guess,
+            "guess": "" if hint else by_values,
             "numbers": numbers,
             "option": "--columns",
         }
         raise InputError("columns.no_header", where=where, gives=gives, count=len(headers), **values)
     used = {f.index for f in found.values()}
-    free = [h for i, h in enumerate(headers) if h and i not in used]
-    similar = [h for h in free if not key_of(h, schema)]
+    unused = [h for i, h in enumerate(headers) if h and i not in used]
+    candidates = [h for h in unused if not key_of(h, schema)]
     listed: dict[str, Any] = {"quantities": tuple(q.name for q in missing), **_listed(headers)}
-    clock = {"hour", "minute"} <= {compact(each).removesuffix("s") for each in free}
-    if clock and "time" in {q.key for q in missing}:
+    split_time = {"hour", "minute"} <= {compact(header).removesuffix("s") for header in unused}
+    if split_time and "time" in {q.key for q in missing}:
         raise InputError("columns.time_in_parts", where=where, **listed)
-    meant = {}
+    similar = {}  # header with a similar name, by key
     for quantity in missing:
-        if (header := suggest(quantity, similar)) is not None:
-            similar.remove(header)
-            meant[quantity.key] = header
-    by_name = len(meant) == len(missing) if guess else bool(meant) and not hint  # names are the better evidence
+        if (header := suggest(quantity, candidates)) is not None:
+            candidates.remove(header)
+            similar[quantity.key] = header
+    by_name = len(similar) == len(missing) if by_values else bool(similar) and not hint  # names are better evidence
     advice: dict[str, Any] = (
-        {"meant": quote_columns(meant)} if by_name else {"hint": hint} if hint else {"guess": guess}
+        {"meant": quote_columns(similar)} if by_name else {"hint": hint} if hint else {"guess": by_values}
     )
     advice |= {"option": "--columns", "example": "" if any(advice.values()) else missing[0].key}
-    gives = {"columns": meant} if by_name else gives
+    gives = {"columns": similar} if by_name else gives
     raise InputError("columns.missing", where=where, gives=gives, **listed, **advice)
 
 
 def agrees(columns: Mapping[str, str], found: Mapping[str, Found], schema: Sequence[Quantity]) -> bool:
-    """Return whether columns chosen by values agree with all known names, in any schema."""
-    named = {each.header: key for key, each in found.items()}
-    others = [header for key, header in columns.items() if key != "time" and header not in named]
-    known = any(key_of(header, schema) for header in others)
-    return not known and all(named.get(header, key) == key for key, header in columns.items())
+    """Return True if columns identified by values contradict no names, in `found` or in another `schema`."""
+    named = {column.header: key for key, column in found.items()}
+    unnamed = [header for key, header in columns.items() if key != "time" and header not in named]
+    other_kind = any(key_of(header, schema) for header in unnamed)
+    return not other_kind and all(named.get(header, key) == key for key, header in columns.items())
 
 
 def quote_columns(columns: Mapping[str, str]) -> str:
-    """Quote column names for a shell, as value of an option."""
+    """Build the value of the option ``--columns``, quoted for a shell."""
     return shlex.quote(",".join(f"{key}={header}" for key, header in columns.items()))
 
 
@@ -351,30 +353,30 @@ def suggest(quantity: Quantity, headers: Sequence[str]) -> str | None:
 
 
 def _closest(word: str, choices: Iterable[str]) -> str:
-    """Find the most similar word; empty if none is similar."""
+    """Return the most similar of the choices; empty if none is similar."""
     return next(iter(difflib.get_close_matches(word, list(choices), n=1, cutoff=0.6)), "")
 
 
 def _listed(words: Sequence[str], limit: int = 40) -> dict[str, Any]:
-    """Return the first words of a list and the number of others, as values of an error."""
+    """Return the first words of a list, and the number of omitted words, as values of an error."""
     return {"known": tuple(word or "—" for word in words[:limit]), "more": max(0, len(words) - limit) or None}
 
 
-_ROWS = 50_000  # rows examined
-_GRAVITIES = (9.8, 1.0, 1000.0)  # in m/s^2, g and mg
-_TOLERANCE = 0.05
-_LAT, _LON, _HEIGHT, _SPAN = 90.0, 360.0, 1e5, 20.0
+_ROWS = 50_000  # number of rows that are examined to identify columns by their values
+_GRAVITIES = (9.8, 1.0, 1000.0)  # gravity in m/s^2, g and mg
+_TOLERANCE = 0.05  # relative tolerance of gravity
+_LAT, _LON, _HEIGHT, _SPAN = 90.0, 360.0, 1e5, 20.0  # largest values [deg], [m], and span of positions [deg]
 
 
 def is_headerless(headers: Sequence[str]) -> bool:
-    """Return whether headers are column numbers, as in tables without a header."""
+    """Return True if the headers are only the numbers 1, 2, 3, as for a table without header."""
     return tuple(headers) == tuple(str(i + 1) for i in range(len(headers)))
 
 
 def imu_columns(table: Table) -> dict[str, str]:
-    """Identify the columns of time, gyros and accelerometers by their values.
+    """Identify the columns of time, gyros and accelerometers by their values; empty if ambiguous.
 
-    Time increases with every row. Three adjacent columns show gravity, three others are the gyros. Empty if ambiguous.
+    Time increases with every row. Three adjacent columns have the norm of gravity; the only other three are the gyros.
     """
     columns = _columns(table)
     times = [i for i, values in enumerate(columns) if _advances(values)]
@@ -385,44 +387,44 @@ def imu_columns(table: Table) -> dict[str, str]:
     heavy = [triad for triad in triads if _shows_gravity([columns[i] for i in triad])]
     if len(heavy) != 1:
         return {}
-    others = [triad for triad in triads if not set(triad) & set(heavy[0])]
-    if len(others) != 1:
+    gyro_triads = [triad for triad in triads if not set(triad) & set(heavy[0])]
+    if len(gyro_triads) != 1:
         return {}
-    found = {"time": times[0]}
-    found |= {f"gyro_{axis}": i for axis, i in zip("xyz", others[0], strict=True)}
-    found |= {f"accel_{axis}": i for axis, i in zip("xyz", heavy[0], strict=True)}
-    return {key: table.headers[i] for key, i in found.items()}
+    indices = {"time": times[0]}
+    indices |= {f"gyro_{axis}": i for axis, i in zip("xyz", gyro_triads[0], strict=True)}
+    indices |= {f"accel_{axis}": i for axis, i in zip("xyz", heavy[0], strict=True)}
+    return {key: table.headers[i] for key, i in indices.items()}
 
 
 def position_columns(table: Table) -> dict[str, str]:
-    """Identify columns of time, and of latitude, longitude and height in this order.
+    """Identify the columns of time, and of latitude, longitude and height in this order, by their values.
 
-    Also the first velocities North and East that agree with the position changes.
+    Adds the first two adjacent columns that are velocities North and East according to the position changes.
     """
     columns = _columns(table)
     times = [i for i, values in enumerate(columns) if _advances(values)]
-    for at in range(times[0] + 1, len(columns) - 2) if times else ():
-        lat, lon, height = columns[at : at + 3]
-        limits = all(
+    for first in range(times[0] + 1, len(columns) - 2) if times else ():
+        lat, lon, height = columns[first : first + 3]
+        plausible = all(
             np.nanmax(np.abs(values), initial=0.0) <= limit
             for values, limit in ((lat, _LAT), (lon, _LON), (height, _HEIGHT))
         )
-        if limits and max(np.ptp(lat), np.ptp(lon)) < _SPAN and not (lat == np.round(lat)).all():
-            found = dict(zip(("time", "lat", "lon", "height"), (times[0], at, at + 1, at + 2), strict=True))
+        if plausible and max(np.ptp(lat), np.ptp(lon)) < _SPAN and not (lat == np.round(lat)).all():
+            indices = dict(zip(("time", "lat", "lon", "height"), (times[0], first, first + 1, first + 2), strict=True))
             lla = np.column_stack([lat * DEG, lon * DEG, height])
-            for k in range(at + 3, len(columns) - 2):
+            for k in range(first + 3, len(columns) - 2):
                 fit = fit_velocities(columns[times[0]], lla, np.column_stack(columns[k : k + 3]))
                 if fit is not None and fit.as_named and not fit.misplaced:
-                    found |= {"vn": k, "ve": k + 1}
+                    indices |= {"vn": k, "ve": k + 1}
                     break
-            return {key: table.headers[i] for key, i in found.items()}
+            return {key: table.headers[i] for key, i in indices.items()}
     return {}
 
 
 def _columns(table: Table) -> list[FloatArray]:
     try:
         numbers = table.cells.read(range(len(table.headers)))
-    except InputError:  # it contains text
+    except InputError:  # a column contains text, not numbers
         return []
     return [numbers.columns[i][:_ROWS] for i in range(len(table.headers))]
 

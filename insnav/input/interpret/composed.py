@@ -1,11 +1,11 @@
-"""Columns composed of others: time from parts, Earth-fixed positions; other representations of fixes, converted.
+"""Columns composed from other columns, such as time from its parts; conversion of positions and velocities of fixes.
 
 References
 ----------
 Xsens MT Low-Level Communication Protocol: ``SampleTimeFine`` counts 0.1 ms; ``UTC_Nano``: nanoseconds of the second.
 Movella DOT: ``SampleTimeFine`` counts microseconds. ROS `std_msgs/Header`: ``stamp.secs`` and ``stamp.nsecs``.
-Android `Location.getAccuracy`: the radius of 68 % confidence; so is the horizontal accuracy of Core Location. For two
-equal normal components that radius is ``sqrt(-2 ln 0.32)`` standard deviations of one. NMEA 0183: ``ddmm.mmmm``.
+Android `Location.getAccuracy`: radius of 68 % confidence, like the horizontal accuracy of Core Location. For two equal
+normal components, this radius is ``sqrt(-2 ln 0.32)`` standard deviations of a component. NMEA 0183: ``ddmm.mmmm``.
 ROS `sensor_msgs/NavSatFix`: covariance in m^2, east, north, up, row by row; status below 0 is no fix. PROJ: vgridshift.
 """
 
@@ -32,48 +32,48 @@ from insnav.types import BoolArray, FloatArray, IntArray
 from insnav.units import DEG
 
 _DATE, _CLOCK, _NANO = ("year", "month", "day"), ("hour", "minute", "second"), "nano"
-_TICKS, _TICK, _SHORT_TICK = "sampletimefine", 1e-4, 1e-6  # [s]
-_LONGEST_STEP = 5000.0  # ticks of 0.1 ms: no IMU is slower than 2 Hz; 120 Hz, the fastest DOT, has 8333 us
+_TICKS, _TICK, _SHORT_TICK = "sampletimefine", 1e-4, 1e-6  # column of a counter, and its possible units [s]
+_LONGEST_STEP = 5000.0  # longest sample interval in counts of 0.1 ms (2 Hz); the fastest DOT (120 Hz) counts 8333 us
 _SECONDS = "(s|secs?|seconds?)"
 _FRACTION = re.compile(f"(?P<stem>.*?)(?P<size>n|nano|u|micro){_SECONDS}")
-_SIZES = {"n": 1e-9, "u": 1e-6, "m": 1e-6}  # by the first letter [s]
+_SIZES = {"n": 1e-9, "u": 1e-6, "m": 1e-6}  # unit of a fraction by its first letter [s]
 _INSTANCES = {"i", "instance", "imu", "imuid", "sensor", "sensorid", "device", "deviceid", "id"}
-_MOST_INSTANCES, _TURNS = 8, 0.5  # sensors in one table, and share of rows from another sensor than the previous row
+_MOST_INSTANCES, _TURNS = 8, 0.5  # most sensors in a table; least share of rows whose sensor changes
 _OF_TIME = re.compile(r"(utc|gps|time)*(year|month|day|hour|minute|min|second|sec|nano)s?(ns)?")
 _OF_PLACE = re.compile(
     r"(?:ecef|wls|pos|position|field)*(v|vel|velocity)?(?:ecef)?([xyz])(?:ecef)?(?:[kcm]?m|[kcm]?ms|meters)?"
 )
 _VECTOR = re.compile(r"(?P<name>[A-Za-z ]+?) *(?:\((?P<axes>[xyz](?:,[xyz]){0,2})\))? *(?P<unit>\[[^\]]*\])")
 _STAMP = {0: "stamp.secs", 1: "stamp.nsecs"}
-# number of fields of sensor_msgs/Imu and sensor_msgs/NavSatFix -> number and name of those read
+# number of fields in sensor_msgs/Imu and sensor_msgs/NavSatFix -> index and name of the fields that are read
 _ECHOED = {
     40: _STAMP | {at + i: f"{key}_{'xyz'[i]}" for at, key in ((16, "gyro"), (28, "accel")) for i in range(3)},
     18: _STAMP
     | {3: "status.status", 5: "lat", 6: "lon", 7: "height", **{8 + i: f"covariance[{i}]" for i in (0, 4, 8)}},
 }
 _EARTH = 6.33e6, 6.48e6  # distances from the Earth's centre, up to 100 km height [m]
-_SHARE = 0.9  # least share of the rows with positions at these distances
-_HIGH = 2e4  # larger than map heights [m]; a northing may equal the Earth's radius, at 57.5 deg
-_TIME = tuple(each for each in IMU_SCHEMA if each.key == "time")
+_SHARE = 0.9  # least share of rows at these distances, for Earth-fixed positions
+_HIGH = 2e4  # least Earth-fixed z [m]: map heights are smaller, even where a northing is the Earth's radius (57.5 deg)
+_TIME = tuple(quantity for quantity in IMU_SCHEMA if quantity.key == "time")
 
 
 @dataclass(frozen=True, slots=True)
 class _Composed:
-    """Rows of a table with further columns composed of its own; see `Cells`."""
+    """Rows of a table with its own columns, and columns composed from them; see `Cells`."""
 
     cells: Cells
-    width: int  # number of its own columns
-    parts: tuple[int, ...]  # source columns
-    make: Callable[..., FloatArray]  # function of these, (n, number of new columns)
+    width: int  # number of the table's own columns
+    parts: tuple[int, ...]  # indices of the source columns
+    make: Callable[..., FloatArray]  # computes new columns (n, count) from the source columns
 
     def read(self, indices: Sequence[int]) -> Numbers:
         """See `Cells`."""
-        own, others = ([i for i in indices if (i >= self.width) == other] for other in (False, True))
-        numbers = self.cells.read(sorted({*own, *(self.parts if others else ())}))
-        columns = {i: numbers.columns[i] for i in own}
-        if others:
+        own_indices, new_indices = ([i for i in indices if (i >= self.width) == other] for other in (False, True))
+        numbers = self.cells.read(sorted({*own_indices, *(self.parts if new_indices else ())}))
+        columns = {i: numbers.columns[i] for i in own_indices}
+        if new_indices:
             made = self.make(*(numbers.columns[part] for part in self.parts))
-            columns |= {i: np.ascontiguousarray(made[:, i - self.width]) for i in others}
+            columns |= {i: np.ascontiguousarray(made[:, i - self.width]) for i in new_indices}
         return replace(numbers, columns=columns, texts={i: text for i, text in numbers.texts.items() if i in columns})
 
     def line(self, row: int) -> str:
@@ -82,7 +82,7 @@ class _Composed:
 
 
 def composed(table: Table) -> Table:
-    """Add composed columns: time, and latitude, longitude and height from other coordinates."""
+    """Add composed columns to a table: time from parts; latitude, longitude and height from other coordinates."""
     table = _vectors(_echoed(table))
     words = [compact(header) for header in table.headers]
     table = _timed(_first_instance(table, words), words)
@@ -93,19 +93,19 @@ def _echoed(table: Table) -> Table:
     """Name the columns of ``ros2 topic echo --csv``, which writes all fields of a message and no header."""
     names = _ECHOED.get(len(table.headers), {}) if is_headerless(table.headers) else {}
     stamp = _first(table, [0, 1]) if names else None
-    if stamp is None or _first(table, [2]) is not None or any((each != np.floor(each)).any() for each in stamp):
-        return table  # the third is the frame
+    if stamp is None or _first(table, [2]) is not None or any((column != np.floor(column)).any() for column in stamp):
+        return table  # no such message: its third field is text (the frame)
     return replace(table, headers=tuple(names.get(i, "") for i in range(len(table.headers))))
 
 
 def _vectors(table: Table) -> Table:
-    """Name every axis of a sensor whose first axis alone has a name: ``Gyroscope (z,x,y) [rad/s],1,2``."""
+    """Name all three axes if only the first header names the sensor: ``Gyroscope (z,x,y) [rad/s],1,2``."""
     headers = list(table.headers)
     for i, first in enumerate(map(_VECTOR.fullmatch, table.headers)):
-        others = [header.strip("()") for header in table.headers[i + 1 : i + 3]]
+        next_headers = [header.strip("()") for header in table.headers[i + 1 : i + 3]]
         axes = ((first and first["axes"]) or "x,y,z").split(",")
-        axes = [*axes, *others] if len(axes) == 1 else axes
-        if first is not None and {*axes} == {*"xyz"} and (others == ["1", "2"] or others == axes[1:]):
+        axes = [*axes, *next_headers] if len(axes) == 1 else axes
+        if first is not None and {*axes} == {*"xyz"} and (next_headers == ["1", "2"] or next_headers == axes[1:]):
             headers[i : i + 3] = [f"{first['name']} {axis} {first['unit']}" for axis in axes]
     dates = [i for i, header in enumerate(headers) if compact(header) == "date"]
     if dates and not any(map(_is_time, headers)):
@@ -124,12 +124,12 @@ def _added(
 ) -> Table:
     """Add composed columns to a table, and remove the headers of their sources."""
     headers = tuple("" if i in parts else header for i, header in enumerate(table.headers))
-    own = {table.headers[i]: i for i in parts}
+    part_indices = {table.headers[i]: i for i in parts}
     units = None if table.units is None else (*table.units, *[""] * len(names))
     cells = _Composed(table.cells, len(headers), tuple(parts), make)
-    headers, known = (*headers, *names), (*table.notes, *filter(None, notes))
-    given: dict[str, Any] = {"week": week or table.week, "parts": {**table.parts, **own}}
-    return replace(table, headers=headers, cells=cells, units=units, notes=known, **given)
+    headers, all_notes = (*headers, *names), (*table.notes, *filter(None, notes))
+    further: dict[str, Any] = {"week": week or table.week, "parts": {**table.parts, **part_indices}}
+    return replace(table, headers=headers, cells=cells, units=units, notes=all_notes, **further)
 
 
 @dataclass(frozen=True, slots=True)
@@ -151,7 +151,7 @@ class _Instance:
 
 
 def _first_instance(table: Table, words: Sequence[str]) -> Table:
-    """Select the first sensor of a table with alternating sensors."""
+    """Select the rows of the first sensor in a table that alternates between several sensors."""
     for i in (i for i, word in enumerate(words) if word in _INSTANCES):
         labels = getattr(table.cells, "labels", lambda index: np.zeros(1))
         (number,) = _first(table, [i]) or [labels(i)]
@@ -164,7 +164,7 @@ def _first_instance(table: Table, words: Sequence[str]) -> Table:
 
 
 def _first(table: Table, parts: Sequence[int]) -> list[FloatArray] | None:
-    """Read the first rows of columns; None if they are not numeric."""
+    """Read columns ``(n,)``; None if a column is not numeric, or the table has no rows."""
     try:
         numbers = table.cells.read(parts)
     except InputError:
@@ -173,17 +173,17 @@ def _first(table: Table, parts: Sequence[int]) -> list[FloatArray] | None:
 
 
 def _timed(table: Table, words: Sequence[str]) -> Table:
-    """Add seconds from date and clock parts, or from the sample counter."""
-    found: dict[str, int] = {}
+    """Add a time column [s] from date and clock parts, from seconds and fraction, or from a sample counter."""
+    indices: dict[str, int] = {}
     for i, word in enumerate(words):
         if (named := _OF_TIME.fullmatch(word)) is not None:
-            found.setdefault({"min": "minute", "sec": "second"}.get(named[2], named[2]), i)
-    others = [i for i, word in enumerate(words) if not _OF_TIME.fullmatch(word) and _is_time(table.headers[i])]
-    if not others and found.keys() >= {*_DATE, *_CLOCK}:
-        names = [*_DATE, *_CLOCK, *[_NANO] * (_NANO in found)]
-        parts = [found[name] for name in names]
+            indices.setdefault({"min": "minute", "sec": "second"}.get(named[2], named[2]), i)
+    time_columns = [i for i, word in enumerate(words) if not _OF_TIME.fullmatch(word) and _is_time(table.headers[i])]
+    if not time_columns and indices.keys() >= {*_DATE, *_CLOCK}:  # six columns from year to second
+        names = [*_DATE, *_CLOCK, *[_NANO] * (_NANO in indices)]
+        parts = [indices[name] for name in names]
         values = _first(table, parts)
-        scale: Scale = "GPST" if words[found["year"]].startswith("gps") else "UTC"
+        scale: Scale = "GPST" if words[indices["year"]].startswith("gps") else "UTC"
         day, second = _moments(*values) if values is not None else (np.full(1, np.nan), np.zeros(1))
         if np.isfinite(day).all():
             first = seconds_of_week(day[:1], second[:1], scale)
@@ -194,11 +194,11 @@ def _timed(table: Table, words: Sequence[str]) -> Table:
             columns = table.headers[parts[0]], table.headers[parts[-1]]
             note = Finding.of(Code.TIME_FROM_PARTS, first=columns[0], last=columns[1])
             return _added(table, parts, ["time_s"], seconds, note, first.note, week=first.week)
-    if not found.keys() >= {"minute", "second"} and (pair := _seconds_and_fraction(table, words)) is not None:
+    if not indices.keys() >= {"minute", "second"} and (pair := _seconds_and_fraction(table, words)) is not None:
         seconds_at, fraction, size = pair
         note = Finding.of(Code.TIME_TWO_COLUMNS, columns=(table.headers[seconds_at], table.headers[fraction]))
         return _added(table, [seconds_at, fraction], ["time_s"], lambda s, n: (s + size * n)[:, None], note)
-    if not others and _TICKS in words and (values := _first(table, [words.index(_TICKS)])):
+    if not time_columns and _TICKS in words and (values := _first(table, [words.index(_TICKS)])):
         tick = _TICK if float(np.median(np.abs(np.diff(values[0])))) < _LONGEST_STEP else _SHORT_TICK
         note = Finding.of(Code.TIME_FROM_TICKS, column=table.headers[words.index(_TICKS)], tick_s=tick)
         counted = [words.index(_TICKS)]
@@ -207,24 +207,24 @@ def _timed(table: Table, words: Sequence[str]) -> Table:
 
 
 def _seconds_and_fraction(table: Table, words: Sequence[str]) -> tuple[int, int, float] | None:
-    """Find columns of whole seconds and fraction, with the unit of the fraction [s]; None without.
+    """Find the columns of whole seconds and of their fraction, and the unit of the fraction [s]; otherwise None.
 
-    Their names differ in the unit only, such as ``stamp.secs`` and ``stamp.nsecs``. A fraction without its own name,
-    such as ``Microseconds``, belongs to any time in whole seconds.
+    The names differ only in the unit, such as ``stamp.secs`` and ``stamp.nsecs``. A fraction named only by its unit,
+    such as ``Microseconds``, belongs to any time column with whole seconds.
     """
     for i, part in enumerate(map(_FRACTION.fullmatch, words)):
         if part is None:
             continue
         named = re.compile(re.escape(part["stem"]) + _SECONDS)
-        own = [k for k, word in enumerate(words) if named.fullmatch(word)]
-        others = [k for k, header in enumerate(table.headers) if not part["stem"] and k != i and _is_time(header)]
+        same_name = [k for k, word in enumerate(words) if named.fullmatch(word)]
+        time_columns = [k for k, header in enumerate(table.headers) if not part["stem"] and k != i and _is_time(header)]
         size = _SIZES[part["size"][0]]
-        for k in dict.fromkeys((*own, *others)):
-            whole, rest = _first(table, [k, i]) or [np.zeros(1), np.zeros(1)]
-            known = np.isfinite(whole) & np.isfinite(rest)
-            whole, rest = whole[known], size * rest[known]
-            if len(whole) > 1 and (whole == np.floor(whole)).all() and rest.min() >= 0.0 and rest.max() < 1.0:
-                steps = np.diff(whole + rest)
+        for k in dict.fromkeys((*same_name, *time_columns)):
+            whole, fraction = _first(table, [k, i]) or [np.zeros(1), np.zeros(1)]
+            known = np.isfinite(whole) & np.isfinite(fraction)
+            whole, fraction = whole[known], size * fraction[known]
+            if len(whole) > 1 and (whole == np.floor(whole)).all() and fraction.min() >= 0.0 and fraction.max() < 1.0:
+                steps = np.diff(whole + fraction)
                 if steps.any() and np.mean(steps >= 0.0) > 1.0 - _TURNS:
                     return k, i, size
     return None
@@ -235,25 +235,25 @@ def _is_time(header: str) -> bool:
 
 
 def _moments(*by: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Compute days since 6 January 1980 and seconds, from year, month, day, hour, minute, second and nanoseconds."""
+    """Compute days since 6 January 1980 and seconds of the day, from year to second and optional nanoseconds."""
     year = np.where(by[0] < 100.0, by[0] + 2000.0, by[0])
     nano = by[6] * 1e-9 if len(by) > 6 else 0.0
     return gps_days(year, by[1], by[2]), 3600.0 * by[3] + 60.0 * by[4] + by[5] + nano
 
 
 def _placed(table: Table, words: Sequence[str]) -> Table:
-    """Add latitude, longitude, height, and velocity North, East, Down, from Earth-fixed x, y, z."""
-    found: dict[str, int] = {}
+    """Add latitude, longitude, height from Earth-fixed x, y, z, and velocity North, East, Down if present."""
+    indices: dict[str, int] = {}
     for i, word in enumerate(words):
         if part := _OF_PLACE.fullmatch(word):
-            found.setdefault(("v" if part[1] else "") + part[2], i)
-    places, speeds = [found.get(axis, -1) for axis in "xyz"], [found.get(f"v{axis}", -1) for axis in "xyz"]
+            indices.setdefault(("v" if part[1] else "") + part[2], i)
+    places, speeds = [indices.get(axis, -1) for axis in "xyz"], [indices.get(f"v{axis}", -1) for axis in "xyz"]
     values = _first(table, places) if min(places) >= 0 else None
     if values is None:
         return table
     size = np.linalg.norm(np.column_stack(values), axis=1)
     labelled = all("ecef" in words[i] or "km" in words[i] for i in places)
-    units = (1.0, 1e-2, 1e-3, 1e3) if labelled else (1.0,)  # unstated, a local plane may fit other units
+    units = (1.0, 1e-2, 1e-3, 1e3) if labelled else (1.0,)  # unlabelled local coordinates could fit other units
     fitting = [unit for unit in units if _inside(unit * size).mean() > _SHARE]
     if not fitting or not (labelled or float(np.nanmedian(np.abs(values[2]))) * fitting[0] > _HIGH):
         return table
@@ -263,10 +263,10 @@ def _placed(table: Table, words: Sequence[str]) -> Table:
         r_e = unit * np.column_stack(by[:3])
         known = _inside(np.linalg.norm(r_e, axis=1))[:, None]
         lla = lla_from_earth(np.where(known, r_e, [_EARTH[0], 0.0, 0.0]))
-        found = [lla / [DEG, DEG, 1.0]]
+        columns = [lla / [DEG, DEG, 1.0]]
         if len(by) > 3:
-            found.append(np.einsum("nij,nj->ni", level_from_earth(lla), unit * np.column_stack(by[3:])))
-        return np.where(known, np.hstack(found), np.nan)
+            columns.append(np.einsum("nij,nj->ni", level_from_earth(lla), unit * np.column_stack(by[3:])))
+        return np.where(known, np.hstack(columns), np.nan)
 
     moves = min(speeds) >= 0 and _first(table, speeds) is not None
     parts = [*places, *(speeds if moves else ())]
@@ -278,14 +278,14 @@ def _inside(size: FloatArray) -> BoolArray:
     return np.asarray((size > _EARTH[0]) & (size < _EARTH[1]))
 
 
-RADIUS = math.sqrt(-2.0 * math.log(0.32))  # of 68 % confidence, in standard deviations of one component
-_MOST = 0.9  # share of rows that cannot be degrees
-_STILL = 0.3  # below this speed a receiver gives no course [m/s]
+RADIUS = math.sqrt(-2.0 * math.log(0.32))  # of 68 % confidence, in standard deviations of a component
+_MOST = 0.9  # least share of rows that exceed the range of degrees
+_STILL = 0.3  # a receiver gives no course below this speed [m/s]
 _CLIMB_SD = 2.0  # least sd of a vertical speed derived from heights [m/s]
 
 
 def derive(raw: dict[str, FloatArray], found: Mapping[str, Found]) -> list[Finding]:
-    """Derive quantities in the columns ``(n,)`` [SI, rad], in place; return findings."""
+    """Convert other forms of positions, velocities and accuracies in columns ``(n,)``, in place; return findings."""
     notes = _integers(raw, found)
     notes += _degrees_minutes(raw, found)
     notes += _signs(raw, found)
@@ -295,13 +295,13 @@ def derive(raw: dict[str, FloatArray], found: Mapping[str, Found]) -> list[Findi
 
 
 def _integers(raw: dict[str, FloatArray], found: Mapping[str, Found]) -> list[Finding]:
-    """Convert u-blox and PX4 integers: degrees times 1e7, with millimetres."""
+    """Convert positions of u-blox and PX4 in integers: degrees times 1e7, and heights in millimetres."""
     written = {key: raw[key][np.isfinite(raw[key])] / found[key].factor for key in ("lat", "lon")}
     whole = (len(values) and (np.abs(values - np.round(values)) < 1e-3).all() for values in written.values())
     if found["lat"].unit or not all(whole):
         return []
-    size = {key: float(np.abs(values).max()) for key, values in written.items()}
-    if not (max(size.values()) > 18_000.0 * 100.0 and size["lat"] <= 90e7 and size["lon"] <= 180e7):
+    largest = {key: float(np.abs(values).max()) for key, values in written.items()}
+    if not (max(largest.values()) > 18_000.0 * 100.0 and largest["lat"] <= 90e7 and largest["lon"] <= 180e7):
         return []
     for key in ("lat", "lon"):
         raw[key] = raw[key] * 1e-7
@@ -314,16 +314,17 @@ def _integers(raw: dict[str, FloatArray], found: Mapping[str, Found]) -> list[Fi
 
 
 def _degrees_minutes(raw: dict[str, FloatArray], found: Mapping[str, Found]) -> list[Finding]:
-    """Convert degrees and minutes in one number, as in NMEA: 4807.038 is 48 deg 7.038 min."""
+    """Convert angles as in NMEA, with degrees and minutes in one number: 4807.038 is 48 deg 7.038 min."""
     written = {key: raw[key] / found[key].factor for key in ("lat", "lon")}
     known = {key: values[np.isfinite(values)] for key, values in written.items()}
     if found["lat"].unit not in (None, "deg") or not all(len(values) for values in known.values()):
         return []
     whole = {key: np.abs(values) // 100.0 for key, values in known.items()}
     minutes = all(bool((np.abs(values) % 100.0 < 60.0).all()) for values in known.values())
-    far = max(float(np.mean(np.abs(known["lat"]) > 90.0)), float(np.mean(np.abs(known["lon"]) > 360.0))) > _MOST
-    swapped = max(np.abs(known["lat"]).max() / 180.0, np.abs(known["lon"]).max() / 90.0) <= 1.0  # far more likely
-    if not (far and minutes and whole["lat"].max() < 90.0 and whole["lon"].max() <= 180.0) or swapped:
+    too_large = max(float(np.mean(np.abs(known["lat"]) > 90.0)), float(np.mean(np.abs(known["lon"]) > 360.0))) > _MOST
+    # latitudes up to 180 and longitudes up to 90 are exchanged columns rather than degrees with minutes
+    exchanged = max(np.abs(known["lat"]).max() / 180.0, np.abs(known["lon"]).max() / 90.0) <= 1.0
+    if not (too_large and minutes and whole["lat"].max() < 90.0 and whole["lon"].max() <= 180.0) or exchanged:
         return []
     for key, values in written.items():
         size = np.abs(values)
@@ -332,7 +333,7 @@ def _degrees_minutes(raw: dict[str, FloatArray], found: Mapping[str, Found]) -> 
 
 
 def _signs(raw: dict[str, FloatArray], found: Mapping[str, Found]) -> list[Finding]:
-    """Apply south and west from columns of letters."""
+    """Apply the hemisphere columns to latitude and longitude: south and west are negative."""
     notes: list[Finding] = []
     for key in ("lat", "lon"):
         sign = raw.pop(f"{key}_sign", None)
@@ -344,13 +345,13 @@ def _signs(raw: dict[str, FloatArray], found: Mapping[str, Found]) -> list[Findi
 
 
 def _velocities(raw: dict[str, FloatArray], found: Mapping[str, Found]) -> list[Finding]:
-    """Convert speed and course to velocity north and east, and heights to vertical speed."""
+    """Convert speed and course to velocity north and east; derive the vertical speed from heights if it is missing."""
     speed, course = raw.pop("speed", None), raw.pop("course", None)
     speed_sd, course_sd = raw.pop("accuracy_speed", None), raw.pop("accuracy_course", None)
     if "vn" in raw or "ve" in raw or speed is None or course is None:
         unused = [found[key].header for key, column in (("speed", speed), ("course", course)) if column is not None]
         return [unused_columns(unused)] if unused and "vn" not in raw else []
-    speed = np.where(speed >= 0.0, speed, np.nan)  # -1 means unknown
+    speed = np.where(speed >= 0.0, speed, np.nan)  # a negative speed marks an unknown speed
     known = np.isfinite(speed) & (np.isfinite(course) & (course >= 0.0) | (speed < _STILL))
     course = np.where(np.isfinite(course), course, 0.0)
     raw["vn"] = np.where(known, speed * np.cos(course), np.nan)
@@ -374,7 +375,7 @@ def _velocities(raw: dict[str, FloatArray], found: Mapping[str, Found]) -> list[
 
 
 def _climb(raw: Mapping[str, FloatArray]) -> tuple[FloatArray, float]:
-    """Compute the height rate between neighbouring fixes [m/s], with its sd by its scatter."""
+    """Compute the climb rate ``(n,)`` from the two neighbours of each fix [m/s], and its sd by its scatter."""
     time, height = raw["time"], raw["height"]
     rate = np.zeros(len(time))
     if len(time) > 2:
@@ -385,7 +386,7 @@ def _climb(raw: Mapping[str, FloatArray]) -> tuple[FloatArray, float]:
 
 
 def _deviations(raw: dict[str, FloatArray], found: Mapping[str, Found]) -> list[Finding]:
-    """Convert variances and confidence radii to standard deviations."""
+    """Convert variances and confidence radii to standard deviations, unless the file has these."""
     notes: list[Finding] = []
     radius, vertical = raw.pop("radius", None), raw.pop("accuracy_d", None)
     variances = {axis: raw.pop(f"var_{axis}", None) for axis in "ned"}
@@ -411,10 +412,7 @@ def _deviations(raw: dict[str, FloatArray], found: Mapping[str, Found]) -> list[
 
 
 def undulation(lat: FloatArray, lon: FloatArray) -> tuple[FloatArray, str] | None:
-    """Return heights of the geoid above the ellipsoid [m], and the grid of PROJ; None without pyproj or a grid.
-
-    `lat`, `lon` (n,): [rad].
-    """
+    """Return geoid heights ``(n,)`` [m] at `lat`, `lon` [rad], and the PROJ grid; None without pyproj or a grid."""
     with suppress(ImportError):
         from pyproj import Transformer
         from pyproj.exceptions import ProjError

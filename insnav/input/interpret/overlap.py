@@ -1,4 +1,4 @@
-"""Test for common time of two recordings, and diagnosis of their clocks."""
+"""Check of two recordings for common time, and diagnosis of their clocks if they have none."""
 
 from __future__ import annotations
 
@@ -10,18 +10,15 @@ from insnav.exceptions import InputError
 from insnav.input.formats.time_scales import DAY, UNIX_DAYS, WEEK
 from insnav.types import GpsData, ImuData
 
-GPS_EPOCH = UNIX_DAYS * DAY  # 6 January 1980 in Unix time [s]
-HOUR, ZONE = 3600.0, 1800.0
+GPS_EPOCH = UNIX_DAYS * DAY  # Unix time of 6 January 1980, the epoch of GPS time [s]
+HOUR, ZONE = 3600.0, 1800.0  # time zones differ by multiples of half an hour [s]
 LEAP = 18.0  # GPS minus UTC since 2017 [s]
-_MAX_OFFSET = 4e9  # between clocks in seconds [s]
-_MIN_SHARE = 0.5  # of the shorter recording that must overlap at a likely offset
+_MAX_OFFSET = 4e9  # largest offset between clocks that count seconds [s]
+_MIN_SHARE = 0.5  # share of the shorter recording that must overlap with a likely offset
 
 
 def check_overlap(imu: ImuData, gps: GpsData) -> None:
-    """Refuse recordings without common time, with the likely clock offset in the error.
-
-    Raises: InputError: no fix lies within the samples.
-    """
+    """Refuse files without common time, with a likely clock offset. Raises: InputError: no fix within the samples."""
     first, last = float(imu.time[0]), float(imu.time[-1])
     if np.any((gps.time >= first) & (gps.time <= last)):
         return
@@ -31,7 +28,7 @@ def check_overlap(imu: ImuData, gps: GpsData) -> None:
     if reason and offset is None:
         raise InputError("columns.clock_unit", **spans, **reason)
     interval = float(np.median(np.diff(gps.time))) if len(gps.time) > 1 else 0.0
-    if last - first < interval:  # it contains less than two fixes on any clock
+    if last - first < interval:  # the IMU record is shorter than the interval of fixes
         raise InputError("columns.short_record", length_s=last - first, interval_s=interval)
     if offset is not None:
         raise InputError("columns.clock_offset", gives={"time_offset": offset}, offset_s=offset, **spans, **reason)
@@ -41,15 +38,15 @@ def check_overlap(imu: ImuData, gps: GpsData) -> None:
 
 
 def overlap(imu: ImuData, gps: GpsData) -> float:
-    """Compute the common time of two recordings [s]; zero without."""
+    """Compute the common time of two recordings [s], zero if they do not overlap."""
     (first, last), (start, end) = _spans(imu, gps)
     return max(0.0, min(last, end) - max(first, start))
 
 
 def epoch_offset(imu: ImuData, gps: GpsData) -> float | None:
-    """Return the offset [s] between Unix time and GPS time, either way, if recordings then overlap.
+    """Return the clock offset [s] if one file has Unix time, the other GPS time, and they then overlap; else None.
 
-    Other calendar offsets, of days or weeks, may indicate another recording.
+    An offset of days or weeks is not returned: the files may belong to different recordings.
     """
     offset, _ = likely_offset(*_spans(imu, gps))
     return None if offset is None or abs(offset) < 0.9 * GPS_EPOCH else offset
@@ -63,9 +60,9 @@ def named_offset(offset: float, sd: float) -> tuple[float, dict[str, Any]]:
     """
     for leap in (0.0, LEAP, -LEAP):
         zone = ZONE * round((offset - leap) / ZONE)
-        whole = zone % DAY == 0.0  # 86399.998 s is a day, too
-        near = abs(offset - leap - zone) < np.clip(3.0 * sd, 0.1, 1.0)
-        if near and (zone or leap) and (whole or abs(zone) <= 14 * HOUR):
+        whole = zone % DAY == 0.0  # also for 86399.998 s, which rounds to a day
+        agrees = abs(offset - leap - zone) < np.clip(3.0 * sd, 0.1, 1.0)
+        if agrees and (zone or leap) and (whole or abs(zone) <= 14 * HOUR):
             return zone + leap, {"days_s" if whole else "zone_s": zone or None, "leap_s": leap or None}
     return round(offset, 3), {}
 
@@ -75,9 +72,9 @@ def _spans(imu: ImuData, gps: GpsData) -> tuple[tuple[float, float], tuple[float
 
 
 def likely_offset(imu: tuple[float, float], gps: tuple[float, float]) -> tuple[float | None, dict[str, Any]]:
-    """Find a well-known offset that makes two time spans, first and last [s], overlap; None without.
+    """Find a known clock offset, such as leap seconds, with which two time spans (first, last) [s] overlap.
 
-    If another unit explains the data, the parts are that unit and the input.
+    Returns: offset to add to IMU times, or None; values of the error, such as a time unit that explains the spans.
     """
     difference = 0.5 * (sum(gps) - sum(imu))
     for leap in (LEAP, -LEAP):
@@ -91,7 +88,7 @@ def likely_offset(imu: tuple[float, float], gps: tuple[float, float]) -> tuple[f
     if abs(difference) > _MAX_OFFSET:
         return None, {}
     for base, unix in ((GPS_EPOCH - LEAP, "gps"), (LEAP - GPS_EPOCH, "imu")):
-        # Within a week of the epoch offset itself, or whole weeks later for seconds of the week.
+        # One clock is Unix time; the other is GPS time since 1980, or seconds of a GPS week, whose number is `weeks`.
         if abs(difference) > 0.9 * GPS_EPOCH and np.sign(difference) == np.sign(base):
             weeks = round((difference - base) / WEEK)
             offset = base + weeks * WEEK
@@ -107,12 +104,12 @@ def likely_offset(imu: tuple[float, float], gps: tuple[float, float]) -> tuple[f
 
 
 def _share(imu: tuple[float, float], gps: tuple[float, float], offset: float) -> bool:
-    """Return whether enough of the shorter span overlaps with an offset of the IMU."""
+    """Return True if enough of the shorter span overlaps after the offset [s] is added to IMU times."""
     common = min(imu[1] + offset, gps[1]) - max(imu[0] + offset, gps[0])
     return common > 0.0 and common >= _MIN_SHARE * min(imu[1] - imu[0], gps[1] - gps[0])
 
 
 def _same_span(imu: tuple[float, float], gps: tuple[float, float]) -> bool:
-    """Return whether two spans overlap and have similar length."""
+    """Return True if two time spans overlap, and one is at most ten times longer."""
     lengths = sorted((imu[1] - imu[0], gps[1] - gps[0]))
     return _share(imu, gps, 0.0) and lengths[0] > 0.1 * lengths[1]

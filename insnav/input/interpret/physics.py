@@ -1,4 +1,4 @@
-"""Units, signs and axes of an IMU from physics: gravity, and its rotation in the body."""
+"""Detection of units, signs and axes of an IMU from gravity, and from the rotation of gravity in the body."""
 
 from __future__ import annotations
 
@@ -54,40 +54,40 @@ def axes_matrix(axes: str) -> FloatArray:
 def _angles(text: str) -> FloatArray | None:
     """Parse three comma-separated angles [deg]."""
     try:
-        angles = np.array([float(each) for each in text.split(",")])
+        angles = np.array([float(word) for word in text.split(",")])
     except ValueError:
         return None
     return angles if angles.shape == (3,) and bool(np.all(np.abs(angles) <= 360.0)) else None
 
 
-_GRAVITY = 9.8  # [m/s^2]; on Earth 9.76 .. 9.83
+_GRAVITY = 9.8  # typical gravity on Earth, where it varies from 9.76 to 9.83 [m/s^2]
 _GRAVITY_TOLERANCE = 0.05
 _MIN_SHARE = 0.02  # share of quiet blocks that must show gravity
-_FAR_OFF = 0.5  # relative deviation of the median from gravity that no vehicle accelerometer has
-_AIMLESS = 0.5  # least norm of mean acceleration over mean norm, with gravity
+_FAR_OFF = 0.5  # accelerometers of vehicles have a smaller relative error of the median
+_AIMLESS = 0.5  # least norm of the mean force over the mean norm, if gravity is included
 UNCALIBRATED = 0.2  # largest relative error of an uncalibrated sensor
 _MAX_RATE = 12.0  # no vehicle turns faster persistently [rad/s]
 _MAX_SENSOR_RATE = 70.0  # largest rate of usual sensors [rad/s]
 MAX_TURN_RATIO = 4.0  # factor by which a lever arm or a swaying vehicle may disturb the comparison with gravity
-_MAX_BLOCKS = 1000
-_MIN_STEPS = 10
-_REPEATED = 0.5  # share of rows with the previous time, in a clock without enough digits
-_MAX_SAMPLES = 50_000
-_MAX_GROUPS = 2000
+_MAX_BLOCKS = 1000  # most blocks of `quiet_part` that are examined
+_MIN_STEPS = 10  # least number of rows that determine a time unit
+_REPEATED = 0.5  # a larger share of rows with the previous row's time shows a clock with too few digits
+_MAX_SAMPLES = 50_000  # most samples that are examined
+_MAX_GROUPS = 2000  # limits of the number of groups in `turn_ratio`
 _MIN_GROUPS = 10
 _TURN_BLOCK = 0.2  # interval for comparing rotation and gravity [s]
 _MIN_CORRELATION = 0.15
 # Least correlation of gyro turns with course turns to determine their sign, and its significance (Fisher's z in
 # standard deviations): 1 in 2000 by chance
 _SAME_TURNS, _SURE_TURNS = 0.5, 3.5
-_ALONG, _SLIP = 0.9, 20.0 * DEG  # least mean resultant of constant directions, and course error by slip and wind
-_COURSE_LAGS = np.arange(0.0, 2.1, 0.25)  # phone receivers filter their course [s]
+_ALONG, _SLIP = 0.9, 20.0 * DEG  # least mean resultant length of equal directions; course error by slip and wind [rad]
+_COURSE_LAGS = np.arange(0.0, 2.1, 0.25)  # examined delays of the course, which phones filter [s]
 _COURSE_SPEED, _LONGEST_TURN = 3.0, 2.5  # least speed for a course [m/s], and longest step [s]
-# largest ratio of sample-to-sample changes of two gyros in one unit; least ratio if one is in deg/s
+# largest ratio of sample-to-sample changes of two gyros with equal units; least ratio if one gyro is in deg/s
 _LIKE, _OTHER = 8.0, 20.0
 # The zero-rate output of the MPU-6050 is within 20 deg/s (InvenSense, PS-MPU-6000A, rev. 3.4, section 6.1).
-LARGEST_BIAS = 20.0 * DEG  # [rad/s]
-_LEVEL = 0.8  # cosine limit for a vertical axis
+LARGEST_BIAS = 20.0 * DEG  # largest plausible gyro bias [rad/s]
+_LEVEL = 0.8  # least cosine of the angle between a vertical axis and gravity
 
 _ACCEL_UNITS = ("m/s^2", "g", "mg", "ug", "mm/s^2", "ft/s^2")
 _DVEL_UNITS = ("m/s", "g*s")
@@ -100,15 +100,15 @@ class Quiet:
 
     mean: FloatArray  # (m, 3) mean of each block, in units of the file
     rate: FloatArray  # (3,) 99.9 % quantile of turn rates, in units of the file
-    # medians over the blocks: rate about horizontal axes, in units of the file, and rotation of the force [rad/s]
+    # medians over the blocks: turn rate about horizontal axes, in units of the file; rotation of the force [rad/s]
     level_rate: float = 0.0
     force_rate: float = 0.0
 
 
 def quiet_part(gyro: FloatArray, accel: FloatArray, *, interval: float, scale: float) -> Quiet:
-    """Select the quieter half of a record ``(n, 3)``, as in the file and in order of time.
+    """Compute statistics of the quieter half of a record ``(n, 3)``, in units of the file and in order of time.
 
-    `interval`: median [s]. `scale`: factor to rates: one, or its inverse for increments.
+    `interval`: median sample interval [s]. `scale`: factor to rates: one, or for increments the inverse interval.
     """
     width = min(max(3, round(1.0 / interval)), len(accel))
     n = len(accel) // width
@@ -116,16 +116,16 @@ def quiet_part(gyro: FloatArray, accel: FloatArray, *, interval: float, scale: f
     turns = np.einsum("ijk->ik", spill.every(gyro[: n * width].reshape(n, width, 3), step)) / width
     blocks = spill.every(accel[: n * width].reshape(n, width, 3), step)
     mean = np.einsum("ijk->ik", blocks) / width  # `mean` over a middle axis is five times slower
-    away = blocks - mean[:, None]
-    shake = np.sqrt(np.einsum("ijk,ijk->ik", away, away) / width).sum(axis=1)
+    deviation = blocks - mean[:, None]
+    shake = np.sqrt(np.einsum("ijk,ijk->ik", deviation, deviation) / width).sum(axis=1)
     sample = np.abs(spill.every(gyro, -(-len(gyro) // _MAX_SAMPLES)))
-    still = shake <= np.median(shake)
-    along = mean / np.maximum(np.linalg.norm(mean, axis=1, keepdims=True), 1e-300)
-    level = np.linalg.norm(np.cross(turns, along), axis=1)[still] * scale
-    turned = np.linalg.norm(np.diff(along, axis=0), axis=1) / (step * width * interval)
-    both = still[1:] & still[:-1]
-    seen = (float(np.median(level)), float(np.median(turned[both]))) if both.any() else (0.0, 0.0)
-    return Quiet(mean[still] * scale, np.quantile(sample, 0.999, axis=0) * scale, *seen)
+    quiet = shake <= np.median(shake)
+    direction = mean / np.maximum(np.linalg.norm(mean, axis=1, keepdims=True), 1e-300)
+    level_rate = np.linalg.norm(np.cross(turns, direction), axis=1)[quiet] * scale
+    rotation = np.linalg.norm(np.diff(direction, axis=0), axis=1) / (step * width * interval)
+    both_quiet = quiet[1:] & quiet[:-1]
+    medians = (float(np.median(level_rate)), float(np.median(rotation[both_quiet]))) if both_quiet.any() else (0.0, 0.0)
+    return Quiet(mean[quiet] * scale, np.quantile(sample, 0.999, axis=0) * scale, *medians)
 
 
 def find_accel_unit(
@@ -133,14 +133,12 @@ def find_accel_unit(
 ) -> tuple[str, Finding]:
     """Find the unit of the accelerometers by gravity.
 
-    `quiet`: from the record as in the file, divided by the interval [s] for increments. `stated`: unit from header or
-    user.
-
+    `quiet`: statistics in units of the file; increments over the interval [s]. `stated`: unit from header or user.
     Raises: InputError: the stated unit contradicts gravity, or no unit fits.
     """
     norms = np.linalg.norm(quiet.mean, axis=1)
     candidates = _DVEL_UNITS if increments else _ACCEL_UNITS
-    middle = float(np.median(norms))
+    median_norm = float(np.median(norms))
     values: dict[str, Any]
     for tolerance, share in ((_GRAVITY_TOLERANCE, _MIN_SHARE), (UNCALIBRATED, 0.5)):
         for unit in (stated, *candidates) if stated else candidates:
@@ -149,19 +147,20 @@ def find_accel_unit(
             if fits.mean() < share:
                 continue
             if stated is not None and unit != stated and abs(np.median(force) / _GRAVITY - 1.0) <= _FAR_OFF:
-                values = {"stated": stated, "shown": middle, "unit": unit}
+                values = {"stated": stated, "shown": median_norm, "unit": unit}
                 raise InputError("columns.accel_unit", where=where, gives={"units": {"accel": unit}}, **values)
             gravity = float(np.median(force))
-            if abs(gravity / _GRAVITY - 1.0) > _FAR_OFF:  # a few blocks fit by chance
+            if abs(gravity / _GRAVITY - 1.0) > _FAR_OFF:  # only a few blocks fit, by chance
                 continue
             error = gravity / _GRAVITY - 1.0
             if abs(error) <= _GRAVITY_TOLERANCE:
                 return unit, Finding.of(Code.UNITS_ACCEL, gravity_m_s2=gravity, unit=unit)
             values = {"error": error, "limit": _GRAVITY_TOLERANCE, "gravity_m_s2": gravity}
             return unit, Finding.of(Code.UNITS_ACCEL_UNCALIBRATED, **values, unit=unit)
-    other = norms * interval if increments else norms / interval
+    # No unit fits. With the other sample type (increments or rates), gravity may appear.
+    other_type = norms * interval if increments else norms / interval
     sizes = (ALL_UNITS[unit][1] for unit in (_ACCEL_UNITS if increments else _DVEL_UNITS))
-    if any(np.mean(np.abs(other * size / _GRAVITY - 1.0) < _GRAVITY_TOLERANCE) > _MIN_SHARE for size in sizes):
+    if any(np.mean(np.abs(other_type * size / _GRAVITY - 1.0) < _GRAVITY_TOLERANCE) > _MIN_SHARE for size in sizes):
         gives = {"sampling": "mean" if increments else "increment"}
         raise InputError(
             "columns.accel_rates" if increments else "columns.accel_increments",
@@ -169,40 +168,40 @@ def find_accel_unit(
             interval_s=interval,
             gives=gives,
         )
-    middle = float(np.median(other)) if increments else middle  # as in the file
-    exchanged = abs(float(np.linalg.norm(quiet.rate)) / _GRAVITY - 1.0) < 0.5  # the largest rate, including motion
+    median_norm = float(np.median(other_type)) if increments else median_norm  # again in units of the file
+    exchanged = abs(float(np.linalg.norm(quiet.rate)) / _GRAVITY - 1.0) < 0.5  # the gyro columns show gravity
     if not exchanged and float(np.linalg.norm(quiet.mean.mean(axis=0))) < _AIMLESS * float(norms.mean()):
-        raise InputError("columns.gravity_removed", where=where, shown=middle)
-    values = {"shown": middle, "unit": stated or "", "option": "--columns"}
+        raise InputError("columns.gravity_removed", where=where, shown=median_norm)
+    values = {"shown": median_norm, "unit": stated or "", "option": "--columns"}
     raise InputError("columns.gyros_as_accel" if exchanged else "columns.no_gravity", where=where, **values)
 
 
 def turn_ratio(time: FloatArray, gyro: FloatArray, accel: FloatArray) -> tuple[float, float]:
-    """Compare the change of specific force in the body with its rotation by the gyros: ratio and correlation.
+    """Compare changes of specific force in the body with the changes that the gyros predict: ratio and correlation.
 
     A vector fixed in space changes in the body by ``df/dt = -w x f = f x w`` (Goldstein 2002, eq. 4.86, with zero on
     the left). The ratio is 1 if the gyros are in rad/s, for any unit of the force. Both are zero without enough motion.
     """
     width = max(1, round(_TURN_BLOCK / float(np.median(np.diff(time[:_MAX_SAMPLES])))))
-    n = len(time) // (3 * width)  # groups of three blocks: the middle block has a slope
+    n = len(time) // (3 * width)  # groups of three blocks, for the slope at the middle block
     if n < _MIN_GROUPS:
         return 0.0, 0.0
     step = -(-n // _MAX_GROUPS)
     grouped = (array[: 3 * n * width].reshape(n, 3, width, -1) for array in (time, gyro, accel))
     t, w, f = (np.einsum("ijkl->ijl", spill.every(array, step)) / width for array in grouped)
-    seen = (f[:, 2] - f[:, 0]) / (t[:, 2] - t[:, 0])
+    change = (f[:, 2] - f[:, 0]) / (t[:, 2] - t[:, 0])
     expected = np.cross(f[:, 1], w[:, 1])
-    both, seen2, expected2 = float(np.sum(seen * expected)), float(np.sum(seen**2)), float(np.sum(expected**2))
-    if expected2 == 0.0 or seen2 == 0.0:
+    product, change2, expected2 = float(np.sum(change * expected)), float(np.sum(change**2)), float(np.sum(expected**2))
+    if expected2 == 0.0 or change2 == 0.0:
         return 0.0, 0.0
-    correlation = both / math.sqrt(seen2 * expected2)
-    if abs(correlation) < max(_MIN_CORRELATION, 4.0 / math.sqrt(seen.size)):  # the chance level is 1 / sqrt(size)
+    correlation = product / math.sqrt(change2 * expected2)
+    if abs(correlation) < max(_MIN_CORRELATION, 4.0 / math.sqrt(change.size)):  # the chance level is 1 / sqrt(size)
         return 0.0, 0.0
-    return both / expected2, correlation
+    return product / expected2, correlation
 
 
 def course_of(v_n: FloatArray) -> FloatArray:
-    """Return the course ``(m,)`` [rad] of velocities North, East, Down ``(m, 3)``; NaN where they are too slow."""
+    """Return the course ``(m,)`` [rad] from velocities North, East, Down ``(m, 3)``; NaN at low speed."""
     fast = np.linalg.norm(v_n[:, :2], axis=1) > _COURSE_SPEED
     return np.where(fast, np.arctan2(v_n[:, 1], v_n[:, 0]), np.nan)
 
@@ -210,61 +209,61 @@ def course_of(v_n: FloatArray) -> FloatArray:
 def turns_with_course(
     time: FloatArray, gyro: FloatArray, accel: FloatArray, fixes: FloatArray, course: FloatArray
 ) -> float:
-    """Correlate turns about the vertical, from gyros and specific force, with course turns.
+    """Correlate turn rates about the vertical, from gyros and specific force, with turn rates of the course.
 
-    `fixes` ``(m,)``: times of courses, or headings, ``(m,)`` [rad], NaN if unknown. Specific force points up, so
-    clockwise turns have the rate ``-w . f / |f|``. A negative correlation means opposite signs of gyros or
-    accelerometers. Zero if not significant. The course may be late by two seconds.
+    `fixes` ``(m,)``: times of `course` ``(m,)``, courses or headings [rad], NaN if unknown. Specific force points up,
+    so clockwise turns have the rate ``-w . f / |f|``. A negative correlation means that gyros or accelerometers have
+    the wrong sign. Zero if not significant. The course may be late by two seconds.
     """
     known = np.flatnonzero(np.isfinite(course) & (fixes >= time[0] + _COURSE_LAGS[-1]) & (fixes <= time[-1]))
     step = np.diff(fixes[known])
     near = step < _LONGEST_TURN
     if np.count_nonzero(near) < _MIN_GROUPS:
         return 0.0
-    seen = wrap_pi(np.diff(course[known]))[near] / step[near]
+    course_rate = wrap_pi(np.diff(course[known]))[near] / step[near]
 
-    totals = [np.cumsum(values * np.diff(time, prepend=time[0])[:, None], axis=0) for values in (gyro, accel)]
+    integrals = [np.cumsum(values * np.diff(time, prepend=time[0])[:, None], axis=0) for values in (gyro, accel)]
 
     def between(total: FloatArray, lag: float) -> FloatArray:
         at = np.column_stack([np.interp(fixes[known] - lag, time, column) for column in total.T])
         return np.asarray(np.diff(at, axis=0)[near] / step[near, None])
 
-    found = [0.0]
+    correlations = [0.0]
     for lag in _COURSE_LAGS:
-        turned, force = (between(total, lag) for total in totals)
-        felt = -np.einsum("ij,ij->i", turned, force) / np.maximum(np.linalg.norm(force, axis=1), 1e-9)
-        if felt.std() > 0.0 and seen.std() > 0.0:
-            found.append(float(np.corrcoef(felt, seen)[0, 1]))
-    best = max(found, key=abs)
-    sure = abs(best) > _SAME_TURNS and np.arctanh(abs(best)) * math.sqrt(len(seen) - 3) > _SURE_TURNS
-    return best if sure else 0.0
+        turned, force = (between(total, lag) for total in integrals)
+        gyro_rate = -np.einsum("ij,ij->i", turned, force) / np.maximum(np.linalg.norm(force, axis=1), 1e-9)
+        if gyro_rate.std() > 0.0 and course_rate.std() > 0.0:
+            correlations.append(float(np.corrcoef(gyro_rate, course_rate)[0, 1]))
+    best = max(correlations, key=abs)
+    significant = abs(best) > _SAME_TURNS and np.arctanh(abs(best)) * math.sqrt(len(course_rate) - 3) > _SURE_TURNS
+    return best if significant else 0.0
 
 
 def heading_convention(turns: float, heading: FloatArray, v_n: FloatArray) -> tuple[float, float]:
     """Find the sense of headings ``(m,)``, 1 or -1, and their offset from the vehicle heading [rad].
 
-    `turns`: their correlation with vehicle turns, from `turns_with_course`. `v_n` (m, 3): velocities, with course equal
-    to heading except for slip. Headings from east, or across the vehicle, are offset by quarter turns. If no course
-    determines the offset, counter-clockwise headings count from east.
+    `turns`: correlation of headings with vehicle turns, from `turns_with_course`. `v_n` (m, 3): velocities; the course
+    equals the heading except for slip. Headings that count from east, or point across the vehicle, have offsets of
+    quarter turns. Without a known course, counter-clockwise headings are assumed to count from east.
     """
     sense = -1.0 if turns < 0.0 else 1.0
     offset = sense * heading - course_of(v_n)
     known = offset[np.isfinite(offset)]
-    mean = np.mean(np.exp(1j * known)) if known.size >= _MIN_GROUPS else 0.0
-    if abs(mean) < _ALONG:
+    resultant = np.mean(np.exp(1j * known)) if known.size >= _MIN_GROUPS else 0.0
+    if abs(resultant) < _ALONG:
         return sense, -0.5 * np.pi if sense < 0.0 else 0.0
-    found = float(np.angle(mean))
-    quarters = 0.5 * np.pi * round(found / (0.5 * np.pi))
-    return sense, quarters if abs(found - quarters) < _SLIP else found
+    mean_offset = float(np.angle(resultant))
+    quarters = 0.5 * np.pi * round(mean_offset / (0.5 * np.pi))
+    return sense, quarters if abs(mean_offset - quarters) < _SLIP else mean_offset
 
 
 def odd_one(gyros: Sequence[FloatArray]) -> int | None:
-    """Find the one of three gyros, each ``(n,)``, whose sample changes indicate another unit."""
-    step = [float(np.median(np.abs(np.diff(gyro[:_MAX_SAMPLES])))) for gyro in gyros]
-    low, middle, high = sorted(step)
-    for odd, other, one in ((high, middle, low), (low, middle, high)):
-        if low > 0.0 and max(other / one, one / other) < _LIKE and max(odd / other, other / odd) > _OTHER:
-            return step.index(odd)
+    """Find the index of a gyro whose sample changes indicate another unit than the other two ``(n,)``; else None."""
+    changes = [float(np.median(np.abs(np.diff(gyro[:_MAX_SAMPLES])))) for gyro in gyros]
+    low, middle, high = sorted(changes)
+    for odd, second, third in ((high, middle, low), (low, middle, high)):
+        if low > 0.0 and max(second / third, third / second) < _LIKE and max(odd / second, second / odd) > _OTHER:
+            return changes.index(odd)
     return None
 
 
@@ -273,11 +272,10 @@ def find_gyro_unit(
 ) -> tuple[str, Finding]:
     """Find the unit of the gyros, by vehicle rates and by the rotation of gravity.
 
-    `ratio` and `correlation` are from `turn_ratio`, for the numbers as in the file. `odd`: column by `odd_one`.
-
+    `ratio`, `correlation`: from `turn_ratio`, in units of the file. `odd`: header of the gyro found by `odd_one`.
     Raises: InputError: the stated unit contradicts the evidence.
     """
-    usual = ("rad", "deg") if increments else ("rad/s", "deg/s", "mrad/s", "mdeg/s")  # ratios of 17 and more
+    usual = ("rad", "deg") if increments else ("rad/s", "deg/s", "mrad/s", "mdeg/s")  # units differ by 17 times or more
     fastest = float(quiet.rate.max())
     shown, reason = None, dict[str, Any]()
     finding = Finding.of(Code.UNITS_GYRO_ASSUMED, largest=fastest, unit=usual[0], other=usual[1], factor=1.0 / DEG)
@@ -300,7 +298,7 @@ def find_gyro_unit(
         elif stated is None:
             finding = Finding.of(Code.UNITS_GYRO_BY_RATE, largest=fastest, tried=tried, unit=shown)
     if stated is None and shown is None:
-        # a rate about a horizontal axis rotates the specific force, or else is bias
+        # a turn rate about a horizontal axis rotates the specific force; a rate without such rotation is bias
         biases = {unit: quiet.level_rate * ALL_UNITS[unit][1] - quiet.force_rate for unit in usual}
         likely = next((unit for unit in usual if biases[unit] < LARGEST_BIAS), usual[-1])
         if likely != usual[0]:
@@ -315,25 +313,24 @@ def find_gyro_unit(
 
 
 def stated_unit(quantity: str, unit: str) -> Finding:
-    """Report a unit stated by file or user, without contradiction."""
+    """Build the finding for a unit that the file or the user states, and that nothing contradicts."""
     return Finding.of(Code.UNITS_STATED, quantity=quantity, unit=unit)
 
 
 def check_axes(
     quiet: Quiet, axes: str | None, *, where: str, any_way: bool = False, by_format: bool = False
 ) -> Finding:
-    """Find the vertical body axis, after applying `axes` (None: unspecified), and whether it points up or down.
+    """Report the vertical body axis after applying `axes` (None: unspecified), and its direction, up or down.
 
     `by_format`: `axes` come from the format, not the user.
-
     Raises: InputError: no axes were specified, and z points up without `any_way`.
     """
     norms = np.linalg.norm(quiet.mean, axis=1)[:, None]
-    direction = np.mean(quiet.mean / np.where(norms > 0.0, norms, 1.0), axis=0)  # zeros: a sensor without power
+    direction = np.mean(quiet.mean / np.where(norms > 0.0, norms, 1.0), axis=0)  # zeros of a sensor without power
     if direction[2] > _LEVEL and axes is None and not any_way:
         raise InputError("columns.axes_flu", where=where, direction=tuple(direction.tolist()), gives={"axes": "FLU"})
     code = Code.AXES_ASSUMED if axes is None else Code.AXES_BY_FORMAT if by_format else Code.AXES_GIVEN
-    # none of them if the body is not level, or its attitude varies
+    # no axis is vertical if the body is not level, or its attitude varies
     vertical = [
         (axis, "up" if cosine > 0.0 else "down")
         for axis, cosine in zip("xyz", direction, strict=True)
@@ -346,46 +343,45 @@ def check_axes(
 def clock_digits(time: FloatArray) -> FloatArray | None:
     """Convert times ``(n,)`` written as hhmmss.s to seconds since midnight; None for other times.
 
-    Such times have minutes and seconds below 60, and after conversion steps of 41 or more equal the others, such as
-    from :59 to :00. Plain seconds with gaps may also stay below :60.
+    In such times, minutes and seconds stay below 60, and jumps by 41 or more, as from :59 to :00, become usual steps
+    after conversion. Plain seconds with gaps may also stay below 60.
     """
     known = np.isfinite(time)
     known = time if known.all() else time[known]
     if len(known) < _MIN_STEPS or known.min() < 0.0 or known.max() >= 240_000.0:
         return None
-    for some in spill.blocks(len(known)):
-        if (known[some] % 100.0 >= 60.0).any() or (known[some] // 100.0 % 100.0 >= 60.0).any():
+    for block in spill.blocks(len(known)):
+        if (known[block] % 100.0 >= 60.0).any() or (known[block] // 100.0 % 100.0 >= 60.0).any():
             return None
     jumps = np.diff(known) > 40.0
     time = np.where(np.isfinite(time), time, np.nan)
     seconds = 3600.0 * (time // 10_000.0) + 60.0 * (time // 100.0 % 100.0) + time % 100.0
-    clean = np.diff(seconds[np.isfinite(time)])
-    step, late = float(np.median(clean)), float(known.min()) >= 10_000.0  # after one o'clock: no small seconds
-    whole = np.abs(clean[jumps] - step) < 0.5 * step
-    if not jumps.any() or (np.count_nonzero(whole) < 2 and not late):
+    steps = np.diff(seconds[np.isfinite(time)])
+    step, after_one = float(np.median(steps)), float(known.min()) >= 10_000.0  # the first time is at or after 01:00:00
+    usual = np.abs(steps[jumps] - step) < 0.5 * step
+    if not jumps.any() or (np.count_nonzero(usual) < 2 and not after_one):
         return None
-    return seconds if whole.mean() > 0.5 or (late and clean.max() < 40.0) else None
+    return seconds if usual.mean() > 0.5 or (after_one and steps.max() < 40.0) else None
 
 
 def find_time_unit(time: FloatArray, stated: str | None, *, slowest: float, where: str) -> tuple[str, Finding]:
     """Find the unit of the time column by its steps.
 
-    `time` ``(n,)`` is as in the file. `slowest`: longest step of such files [s].
-
+    `time` ``(n,)``: in units of the file. `slowest`: longest plausible step [s].
     Raises: InputError: the steps contradict the stated unit, or fit no unit.
     """
     steps = np.diff(time[:_MAX_SAMPLES])
-    if not (steps > 0.0).all():  # out of order, or partly unknown
+    if not (steps > 0.0).all():  # times are out of order, or NaN
         steps = np.diff(np.sort(time[np.isfinite(time)]))
     steps = steps[steps > 0.0]
     step = float(np.median(steps)) if len(steps) else 0.0
     if step == 0.0:
         raise InputError("columns.constant_time", where=where)
     fitting = [unit for unit in _TIME_UNITS if slowest * 1e-4 <= step * ALL_UNITS[unit][1] < slowest]
-    # too few rows, or digits, to reject long steps: the rows are reported instead
+    # with few rows or digits, long steps do not exclude a unit; the cleaning of rows reports them
     few = len(time) < _MIN_STEPS or float(np.mean(np.diff(time[:_MAX_SAMPLES]) == 0.0)) > _REPEATED
     since = float(np.nanmedian(time[:_MAX_SAMPLES]))
-    dated = [unit for unit in fitting if 1e9 <= since * ALL_UNITS[unit][1] < 1e10]  # Unix time after 2001
+    dated = [unit for unit in fitting if 1e9 <= since * ALL_UNITS[unit][1] < 1e10]  # Unix time since 2001
     guess = dated[0] if dated else "s" if step < slowest or few else (fitting[0] if fitting else None)
     if stated is not None:
         if step * ALL_UNITS[stated][1] >= slowest and not few:

@@ -18,7 +18,7 @@ _LETTERS = str.maketrans({"²": "2", "³": "3", "°": "deg", "µ": "u", "μ": "u
 
 
 def compact(text: str) -> str:
-    """Reduce a text to lower-case letters and digits, common to all spellings of a name.
+    """Reduce a name to lower-case letters and digits, so that different spellings of the name become equal.
 
     Examples
     --------
@@ -47,36 +47,36 @@ def _spread(spellings: str, marks: Iterable[str]) -> tuple[str, ...]:
 
 
 def _named(text: str, table: str) -> str:
-    """Replace ``$names`` in a text by their definitions."""
+    """Replace each ``$word`` in a text by its definition in a table of ``columns.toml``."""
     return re.sub(r"\$(\w+)", lambda found: str(_NAMES[table][found[1]]), text)
 
 
 def _quantities(name: str) -> Iterator[Quantity]:
-    """Yield one quantity, or one for each of x, y, z."""
+    """Yield the quantities of an entry of ``columns.toml``: one, or one for each of the axes x, y, z."""
     key = name.partition("@")[0]
-    called, dimension, unit, text, *more = _NAMES["quantities"][name]
+    canonical, dimension, unit, text, *extras = _NAMES["quantities"][name]
     spellings = _named(text, "words")
     if "?" not in key:
-        yield Quantity(key, called, dimension, unit, _spread(spellings, " ".join(more).split() or [""]))
+        yield Quantity(key, canonical, dimension, unit, _spread(spellings, " ".join(extras).split() or [""]))
         return
     for i, axis in enumerate("xyz"):
-        own = more[i].split() if more else ()
-        at = key.replace("?", axis), called.replace("?", axis)
-        yield Quantity(*at, dimension, unit, (*_spread(spellings, (axis, str(i))), *own))
+        axis_spellings = extras[i].split() if extras else ()
+        names = key.replace("?", axis), canonical.replace("?", axis)
+        yield Quantity(*names, dimension, unit, (*_spread(spellings, (axis, str(i))), *axis_spellings))
 
 
 def schema(kind: str) -> tuple[Quantity, ...]:
-    """Return the quantities of a kind of file, from ``columns.toml``."""
-    return tuple(each for name in _named(_NAMES["files"][kind], "files").split() for each in _quantities(name))
+    """Return the quantities that a kind of file may contain, from ``columns.toml``."""
+    return tuple(quantity for name in _named(_NAMES["files"][kind], "files").split() for quantity in _quantities(name))
 
 
 IMU_SCHEMA, GPS_SCHEMA, REFERENCE_SCHEMA = schema("imu"), schema("gps"), schema("reference")
 # Logs of further sensors: their quantities, and the alternative sets of required columns.
 LOG_SCHEMAS: dict[str, tuple[tuple[Quantity, ...], tuple[tuple[str, ...], ...]]] = {
-    name: (schema(name), tuple(tuple(each.split()) for each in needed)) for name, needed in _NAMES["logs"].items()
+    name: (schema(name), tuple(tuple(keys.split()) for keys in needed)) for name, needed in _NAMES["logs"].items()
 }
 
-PREFIXES = tuple(_NAMES["prefixes"].split())
+PREFIXES = tuple(_NAMES["prefixes"].split())  # beginnings of headers that `match_header` skips
 
 _MORE_UNITS: dict[str, dict[str, float]] = {
     "time": {"us": 1e-6, "ns": 1e-9},
@@ -99,5 +99,5 @@ def _unit_table() -> dict[str, dict[str, str]]:
     return table
 
 
-# dimension -> compact spelling -> unit
+# unit by dimension and compact spelling
 UNIT_SPELLINGS: dict[str, dict[str, str]] = _unit_table()

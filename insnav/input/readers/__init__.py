@@ -1,1 +1,1 @@
-"""Readers of recordings: IMU, receiver, reference, positions, raw outputs."""
+"""Readers of recordings: IMU data, fixes, references, specific force, heights, and logs of further sensors."""

@@ -1,4 +1,4 @@
-"""Kind of recording in a file, by format, headers or numbers."""
+"""Detection of the kind of data in a file (IMU, fixes, reference), from its format, headers or values."""
 
 from __future__ import annotations
 
@@ -14,11 +14,14 @@ from insnav.input.formats.table import Table
 from insnav.input.interpret.columns import agrees, imu_columns, is_headerless, key_of, position_columns
 from insnav.input.interpret.schema import GPS_SCHEMA, IMU_SCHEMA, REFERENCE_SCHEMA, Quantity
 
-_LOOKED_AT = 100  # files examined to suggest candidates
+_LOOKED_AT = 100  # largest number of files in a folder that are examined
 
 
 def kinds_of(tables: Mapping[str, Table], *, imu_known: bool = False) -> set[str]:
-    """Return the content of a file, of ``imu``, ``gps`` and ``reference``: by format, headers or numbers."""
+    """Return the kinds of data in a file (``imu``, ``gps``, ``reference``), by its format, headers or values.
+
+    `imu_known`: another file is the IMU file. If not, an unidentified table without header counts as IMU data.
+    """
     kinds = {key.partition(":")[0] for key in tables}
     if "" not in kinds:
         return kinds
@@ -36,17 +39,17 @@ def kinds_of(tables: Mapping[str, Table], *, imu_known: bool = False) -> set[str
 
 def data_files(folder: str | Path) -> list[Path]:
     """List files in a folder that may contain data."""
-    files = sorted(each for each in Path(folder).iterdir() if each.is_file() and each.suffix.lower() not in NO_DATA)
-    return [each for each in files if not each.name.startswith(".")]
+    paths = sorted(path for path in Path(folder).iterdir() if path.is_file() and path.suffix.lower() not in NO_DATA)
+    return [path for path in paths if not path.name.startswith(".")]
 
 
 def files_with(kind: str, folder: Path) -> list[str]:
-    """List files in a folder, of the first hundred, that contain one kind of data only; see `kinds_of`."""
+    """List the files of a folder with one kind of data only (see `kinds_of`), among its first hundred files."""
     return [file.name for file, _, kinds in _opened(data_files(folder)[:_LOOKED_AT]) if kinds == {kind}]
 
 
 def _opened(files: Iterable[Path]) -> Iterator[tuple[Path, Mapping[str, Table], set[str]]]:
-    """Yield readable files, their tables and kinds."""
+    """Yield each readable file with its tables and kinds of data."""
     for file in files:
         with suppress(InsnavError):
             tables = open_tables(file)
@@ -54,31 +57,31 @@ def _opened(files: Iterable[Path]) -> Iterator[tuple[Path, Mapping[str, Table], 
 
 
 def open_parts(path: str | Path) -> Mapping[str, Table]:
-    """Return tables of a file by part; in a folder without recording names or fixes, by the content of its files.
+    """Return the tables of a file or folder by kind; in a folder, file names show the kinds, or else the contents do.
 
-    Of several files of a kind, the one so named is chosen; otherwise none.
+    If several files have the same kind, the file named after the kind is chosen, such as ``imu.csv``, otherwise none.
     """
     folder = Path(path).is_dir() and os.access(path, os.R_OK | os.X_OK)
     try:
         named = open_tables(path)
     except InputError:
-        held = _by_content(Path(path)) if folder else {}
-        if not held:
+        by_content = _by_content(Path(path)) if folder else {}
+        if not by_content:
             raise
-        return held
+        return by_content
     return (folder and named.keys() == {"imu"} and _by_content(Path(path))) or named
 
 
 def _by_content(folder: Path) -> Mapping[str, Table]:
-    """Return tables of the single files with samples and with fixes, if any."""
-    held: dict[tuple[str, bool], list[Table]] = {}  # by kind, and whether the name confirms it
+    """Return the tables in a folder by kind, from the contents; empty unless IMU data and fixes are unique."""
+    candidates: dict[tuple[str, bool], list[Table]] = {}  # by kind, and True if the file name states the kind
     for file, tables, kinds in _opened(data_files(folder)):
         by_name = NAMES.get(file.name.split(".")[0].lower())
         if len(kinds) == len(tables) == 1:
-            held.setdefault((by_name or kinds.pop(), by_name is not None), []).extend(tables.values())
-    chosen = {kind: held.get((kind, True)) or held[kind, False] for kind, _ in held}
-    whole = {"imu", "gps"} <= chosen.keys() and all(len(own) == 1 for own in chosen.values())
-    return {kind: own[0] for kind, own in chosen.items()} if whole else {}
+            candidates.setdefault((by_name or kinds.pop(), by_name is not None), []).extend(tables.values())
+    chosen = {kind: candidates.get((kind, True)) or candidates[kind, False] for kind, _ in candidates}
+    complete = {"imu", "gps"} <= chosen.keys() and all(len(files) == 1 for files in chosen.values())
+    return {kind: files[0] for kind, files in chosen.items()} if complete else {}
 
 
 def _known(headers: Sequence[str], schema: Sequence[Quantity], words: str) -> bool:

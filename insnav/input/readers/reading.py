@@ -1,4 +1,4 @@
-"""Data as read, with their interpretation."""
+"""Data read from a file, with the interpretation of the file."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from insnav.messages import phrase, sentence
 from insnav.types import IntArray, Sampling, Stamp
 
 T = TypeVar("T")
-LOST, LOST_SHARE = 10.0, 0.1  # least uncovered time of a file [s], and its share, that is reported
-# Codes for a file that misses the beginning, or the end, of the other
+LOST, LOST_SHARE = 10.0, 0.1  # an uncovered part is reported beyond both: time [s], share of the file
+# finding codes for a file that begins after, or ends before, the other file
 _SHORT_IMU = Code.FILES_IMU_BEGINS_LATE, Code.FILES_IMU_ENDS_EARLY
 _SHORT_GPS = Code.FILES_GPS_BEGINS_LATE, Code.FILES_GPS_ENDS_EARLY
 
@@ -22,30 +22,30 @@ _SHORT_GPS = Code.FILES_GPS_BEGINS_LATE, Code.FILES_GPS_ENDS_EARLY
 class ReadingFacts:
     """Facts about a file that was read."""
 
-    kind: str  # ``IMU``, ``GPS`` or ``reference``
-    path: str  # the file as given
+    kind: str  # kind of the data, such as ``IMU``, ``GPS`` or ``reference``
+    path: str  # path of the file, as given by the user
     sha256: str  # digest of the file
-    # rows in the file, and rows in the data
+    # number of rows in the file, and of rows kept in the data
     n_rows: int
     n_used: int
-    # first and last time [s]
+    # first and last time in the data [s]
     start_s: float
     end_s: float
     rate_hz: float  # inverse of the median interval [Hz]
     n_gaps: int  # number of reported gaps
-    longest_gap_s: float  # longest interval between two rows with a gap, else zero [s]
-    columns: Mapping[str, str]  # canonical name to header and unit
+    longest_gap_s: float  # longest interval with a gap [s]; zero without gaps
+    columns: Mapping[str, str]  # header and unit by canonical name
     evidence: tuple[Finding, ...] = ()  # evidence for units, axes and signs, and assumptions
     axes: str = ""  # directions of the sensor's x, y, z, such as ``FRD`` (IMU only)
-    # as in `insnav.types.ImuData` (IMU only)
+    # type and timestamp of the samples, as in `insnav.types.ImuData` (IMU only)
     sampling: Sampling | None = None
     stamp: Stamp | None = None
     height: str = ""  # ``ellipsoidal`` or ``msl`` (GPS and reference)
     gps_week: int | None = None  # week of the time origin, if known
 
     def as_dict(self) -> dict[str, Any]:
-        """Convert the facts for JSON."""
-        facts = {each.name: getattr(self, each.name) for each in fields(self)}
+        """Convert the facts to values for JSON, without empty optional facts."""
+        facts = {item.name: getattr(self, item.name) for item in fields(self)}
         facts |= {"columns": dict(self.columns), "evidence": [each.as_dict() for each in self.evidence]}
         optional = ("axes", "sampling", "stamp", "height", "gps_week")
         return {name: value for name, value in facts.items() if value not in ("", None) or name not in optional}
@@ -53,14 +53,14 @@ class ReadingFacts:
     @classmethod
     def from_dict(cls, facts: Mapping[str, Any]) -> ReadingFacts:
         """Restore the facts from JSON."""
-        known = {each.name for each in fields(cls)}
+        known = {item.name for item in fields(cls)}
         evidence = tuple(map(Finding.from_dict, facts["evidence"]))
         return cls(**{name: value for name, value in facts.items() if name in known} | {"evidence": evidence})
 
     def lines(self) -> list[str]:
-        """Return the facts in words, one per line."""
+        """Return the facts as sentences, one per line."""
         values: dict[str, Any] = {"length_s": self.end_s - self.start_s} | {
-            each.name: getattr(self, each.name) for each in fields(self)
+            item.name: getattr(self, item.name) for item in fields(self)
         }
         values["n_rows"] = self.n_rows if self.n_used < self.n_rows else None
         columns = ", ".join(
@@ -71,27 +71,27 @@ class ReadingFacts:
 
 
 def not_covered(imu: ReadingFacts, gps: ReadingFacts) -> list[Finding]:
-    """Report long parts of one file's time that the other does not cover."""
-    found = []
+    """Report a long part of either file, at its beginning or end, that the other file does not cover."""
+    findings = []
     for subject, whole, part, codes in (("imu", gps, imu, _SHORT_IMU), ("gps", imu, gps, _SHORT_GPS)):
         length = whole.end_s - whole.start_s
         for code, lost in zip(codes, (part.start_s - whole.start_s, whole.end_s - part.end_s), strict=True):
             limit = max(LOST, LOST_SHARE * length)
-            if limit < lost < length:  # without common time the clocks are reported
+            if limit < lost < length:  # without any common time, the clocks are reported instead
                 values: dict[str, Any] = {"lost_s": lost, "limit_s": limit, "share": lost / length}
                 values |= {"file": Path(part.path).name, "other": Path(whole.path).name}
                 empty = part.n_rows - part.n_used
                 values |= {"empty": empty} if empty / part.rate_hz > 0.5 * lost else {}
-                found.append(Finding.of(code, subject=subject, **values))
-    return found
+                findings.append(Finding.of(code, subject=subject, **values))
+    return findings
 
 
 @dataclass(frozen=True, slots=True)
 class Reading(Generic[T]):
     """Data from a file, with events and interpretation."""
 
-    data: T  # the data
+    data: T  # data of the kind that was read
     events: tuple[Finding, ...]  # dropped, sorted or missing rows, in order of time
-    facts: ReadingFacts  # interpretation
-    # (n,) fix type of each row of a reference, if present; -1 for an empty cell
+    facts: ReadingFacts  # interpretation of the file
+    # (n,) fix type of each row, if the file has any; -1 for an empty cell
     fix: IntArray | None = field(default=None)

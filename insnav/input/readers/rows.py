@@ -1,4 +1,4 @@
-"""Common part of all readers: time in seconds, cleaned rows, their interpretation; logs of sensors, epochs of poses."""
+"""Common part of all readers: time in seconds, cleaned rows and their interpretation; also sensor logs and epochs."""
 
 from __future__ import annotations
 
@@ -30,20 +30,20 @@ T = TypeVar("T")
 
 @dataclass(frozen=True, slots=True)
 class Rows:
-    """Columns of a file during conversion."""
+    """Columns read from a file, during conversion."""
 
-    table: Table  # the file
-    kinds: Kinds  # description of its rows
-    columns: dict[str, FloatArray]  # (n,) by key, as in the file, but time in seconds
+    table: Table  # table of the file
+    kinds: Kinds  # kind of its rows, such as samples or fixes
+    columns: dict[str, FloatArray]  # (n,) by key, in the units of the file; time in seconds
     n_rows: int  # number of rows
     cut: Finding | None  # reason for dropping the last row, if dropped
-    # unit of the time in the file, and its evidence
+    # unit of the time in the file, and the evidence for this unit
     time_unit: str
     time_evidence: Finding | None
     week: float | None = None  # GPS week of the time origin
 
     def clean(self, bad: BoolArray | None = None, lacking: Code = Code.ROWS_NAN) -> Cleaned:
-        """Sort rows and drop bad ones ``(n,)``: by default rows with a value that is not finite."""
+        """Sort the rows by time and drop the bad rows ``(n,)``, by default rows with a value that is not finite."""
         if bad is None:
             bad = np.asarray(~np.isfinite(np.column_stack(list(self.columns.values()))).all(axis=1), dtype=np.bool_)
         return clean(self.columns, bad, self.kinds, self.table, lacking)
@@ -57,7 +57,7 @@ class Rows:
         evidence: Iterable[Finding],
         **known: Any,
     ) -> Reading[T]:
-        """Combine data, events and interpretation; `known`: further fields of `ReadingFacts`."""
+        """Combine data, events and interpretation to a `Reading`; `known`: further fields of `ReadingFacts`."""
         time = cleaned.columns["time"]
         events = cleaned.events
         if self.cut:
@@ -76,8 +76,8 @@ class Rows:
             n_gaps=cleaned.n_gaps,
             longest_gap_s=cleaned.longest_gap,
             columns=columns,
-            # the input name for a finding on the whole file
-            evidence=tuple(replace(each, subject=each.subject or self.kinds.source) for each in notes if each),
+            # a finding without a subject concerns the whole file: its subject is the input name
+            evidence=tuple(replace(note, subject=note.subject or self.kinds.source) for note in notes if note),
             **known,
             gps_week=None if self.week is None else int(self.week),
         )
@@ -93,26 +93,26 @@ def read_rows(
     slowest: float,
     time_unit: str | None = None,
 ) -> Rows:
-    """Read columns, with time in seconds.
+    """Read columns by key, with time in seconds.
 
-    `slowest`: longest time step of such files [s]. The unit of the time comes from the user, else from the header, else
-    from the steps.
-
+    `slowest`: longest plausible time step [s]. `time_unit`: the user's unit of the time; default: from the header, else
+    from the time steps.
     Raises: InputError: a cell is not a number, or the unit of the time is ambiguous.
     """
-    if "time" in found and found["time"].header != "time_s":  # the user named another column
+    if "time" in found and found["time"].header != "time_s":  # findings on a composed time do not apply
         table = replace(table, notes=tuple(note for note in table.notes if note.code not in _MADE_TIMES))
     keys = [*dict.fromkeys((*keys, *(["date"] if "date" in found and "time" in keys else [])))]
     numbers = table.cells.read([found[key].index for key in keys])
     columns = {key: numbers.columns[found[key].index] for key in keys}
     forms = {key: numbers.texts[found[key].index] for key in columns if found[key].index in numbers.texts}
-    if "date" in forms and forms["date"].form != "date":  # in addition to a time column
+    if "date" in forms and forms["date"].form != "date":  # not a plain date: only the time column is used
         del columns["date"], forms["date"]
     _refuse_texts(forms, found, table)
     _refuse_marks(columns, found, table)
     day = columns.pop("date", None)
     evidence: Finding | None = None
     unit, week = "s", table.week
+    # time in text, in digits of a clock (hhmmss), or in numbers with a unit
     if "time" in forms:
         evidence, week = forms["time"].note, forms["time"].week
         if forms["time"].form == "time of day" and day is not None and "date" in forms:
@@ -130,26 +130,26 @@ def read_rows(
 
 
 def _refuse_marks(columns: Mapping[str, FloatArray], found: Mapping[str, Found], table: Table) -> None:
-    """Refuse placeholder numbers for unknown values: some rows have exactly one number, far from all others."""
+    """Refuse placeholders for unknown values, such as -999: repeated numbers far larger than all other values."""
     for key, values in columns.items():
-        ends = [(np.fmin.reduce(values[rows]), np.fmax.reduce(values[rows])) for rows in spill.blocks(len(values))]
-        for mark in _MARKS.intersection(np.ravel(ends).tolist()):
+        extremes = [(np.fmin.reduce(values[rows]), np.fmax.reduce(values[rows])) for rows in spill.blocks(len(values))]
+        for mark in _MARKS.intersection(np.ravel(extremes).tolist()):
             rows = np.flatnonzero(values == mark)
-            others = float(np.fmax.reduce(np.abs(values[values != mark]), initial=0.0))
-            alone = key != "time" and abs(mark) > _LEAST_ALONE
-            if len(rows) > (0 if alone else 1) and 0.0 < others < _FAR * abs(mark):
+            largest_other = float(np.fmax.reduce(np.abs(values[values != mark]), initial=0.0))
+            large = key != "time" and abs(mark) > _LEAST_ALONE
+            if len(rows) > (0 if large else 1) and 0.0 < largest_other < _FAR * abs(mark):
                 where, column = table.place(int(rows[0]), found[key].index), found[key].header
                 raise InputError(
-                    "input.placeholder", where=where, mark=mark, column=column, count=len(rows), largest=others
+                    "input.placeholder", where=where, mark=mark, column=column, count=len(rows), largest=largest_other
                 )
 
 
 _MADE_TIMES = {Code.TIME_TWO_COLUMNS, Code.TIME_FROM_PARTS, Code.TIME_FROM_TICKS}
-# -999, 9999, ..., and -99: 99 may be a standard deviation
+# -999, 999, -9999, 9999, ... and -99; but not 99, which may be a standard deviation
 _MARKS = {sign * 10.0**digits - sign for sign in (-1.0, 1.0) for digits in (3, 4, 5, 6)} | {-99.0}
-_FAR = 0.2  # relative distance within which other values may occur
-_LEAST_ALONE = 100.0  # larger placeholders count in a single row, too, except in times
-_FORMS = {
+_FAR = 0.2  # largest other value, as a fraction of the placeholder
+_LEAST_ALONE = 100.0  # a placeholder beyond this is recognised in a single row, except in times
+_FORMS = {  # text that a column may contain instead of numbers
     "time": ("date and time", "time of day"),
     "date": ("date",),
     **dict.fromkeys(("lat", "lon"), ("angle",)),
@@ -158,27 +158,27 @@ _FORMS = {
 
 
 def _refuse_texts(forms: Mapping[str, TextValues], found: Mapping[str, Found], table: Table) -> None:
-    """Refuse text in the wrong place: a date in a column of rates."""
+    """Refuse text of a wrong form, such as a date in a column of rates."""
     for key, (_, form, *_) in forms.items():
         if form not in _FORMS.get(key, ()):
             values: dict[str, Any] = {"column": found[key].header, "form": form, "quantity": key, "option": "--columns"}
             raise InputError("input.text_column", where=table.place(0, found[key].index), **values)
 
 
-_SLOWEST = 45.0  # a longer interval means another unit than seconds [s]
+_SLOWEST = 45.0  # longer time steps [s] show that the unit is not seconds
 
 
 def read_sensor_log(path: str | Path | Table, name: str) -> Reading[SensorLog]:
-    """Read the log of a further sensor.
+    """Read the log of a further sensor, such as a speedometer.
 
-    `path`: a data file of any supported format; the IMU file may contain columns of another sensor, too. `name`: the
-    sensor, one of `LOG_SCHEMAS`, such as ``speedometer`` with columns ``time_s, speed_m_s`` and optionally ``sd_m_s``.
+    `path`: a data file of any supported format, such as the IMU file with further columns. `name`: the sensor, one of
+    `LOG_SCHEMAS`, such as ``speedometer`` with columns ``time_s, speed_m_s`` and optionally ``sd_m_s``.
     Raises: InputError: the file cannot be used.
     """
     schema, alternatives = LOG_SCHEMAS[name]
     table = open_table(path, name)
     found, notes = understand(table.headers, table.units, schema, where=table.name)
-    wanted = next((each for each in alternatives if set(each) <= set(found)), alternatives[-1])
+    wanted = next((needed for needed in alternatives if set(needed) <= set(found)), alternatives[-1])
     require(found, ("time", *wanted), table, schema)
     kinds = Kinds("rows", name, 0, 3, gaps=False)
     keys = ("time", *wanted, *(["sd"] if "sd" in found else []))
@@ -189,7 +189,7 @@ def read_sensor_log(path: str | Path | Table, name: str) -> Reading[SensorLog]:
     return rows.reading(name, SensorLog(name, cleaned.columns["time"], values), cleaned, read, notes)
 
 
-_CLOSEST = 4e-6  # closer epochs are one row of a solution [s]
+_CLOSEST = 4e-6  # epochs closer than this [s] would select the same row of a solution
 
 
 def read_epochs(path: str | Path) -> FloatArray:
@@ -199,21 +199,21 @@ def read_epochs(path: str | Path) -> FloatArray:
     Raises: InputError: no epochs, a cell that is not a number, or epochs that do not increase.
     """
     source = open_source(path)
-    found: list[float] = []
+    epochs: list[float] = []
     for number, line in enumerate(bytes(source.data).decode("utf-8", "replace").lstrip("\ufeff").splitlines(), 1):
         cell = re.split(r"[,;\s]", line.strip(), maxsplit=1)[0].strip('"')
         if not cell or is_comment(line):
             continue
         try:
-            found.append(float(cell))
+            epochs.append(float(cell))
         except ValueError:
-            if found:
+            if epochs:
                 raise InputError("input.no_epoch", where=f"{source.name}:{number}", text=cell[:40]) from None
-    return as_epochs(found, source.name)
+    return as_epochs(epochs, source.name)
 
 
 def as_epochs(times: object, where: str) -> FloatArray:
-    """Check epochs [s]: at least one, finite and increasing. Raises: InputError: they are not."""
+    """Check that epochs [s] are finite and increasing, and at least one. Raises: InputError: they are not."""
     epochs = np.asarray(times, dtype=np.float64)
     if epochs.ndim != 1 or not epochs.size:
         raise InputError("input.no_epochs", where=where)

@@ -1,4 +1,4 @@
-"""Measurements of a north-pointing platform from files: specific force along level axes, and heights over time."""
+"""Reader of a north-pointing platform's data: specific force along level axes, and heights over time."""
 
 from __future__ import annotations
 
@@ -23,12 +23,12 @@ from insnav.types import FloatArray
 
 LevelAxes = Literal["ENU", "NED"]
 
-_SLOWEST = 10.0  # longest interval between samples [s]
-_SENSIBLE = 1e3  # larger specific force is damage [m/s^2]
-_GRAVITY = (9.0, 10.6)  # vertical axis in the middle of a record, also in flight [m/s^2]
+_SLOWEST = 10.0  # longest plausible interval between samples [s]
+_SENSIBLE = 1e3  # a larger specific force is damaged data [m/s^2]
+_GRAVITY = (9.0, 10.6)  # range of the median vertical specific force, also in flight [m/s^2]
 SPECIFIC_FORCE_SCHEMA = schema("specific_force")
-_SLOWEST_HEIGHTS = 1000.0  # longest interval between heights [s]
-_HEIGHTS = ("height", "baro", "height_msl")  # in order of preference
+_SLOWEST_HEIGHTS = 1000.0  # longest plausible interval between heights [s]
+_HEIGHTS = ("height", "baro", "height_msl")  # keys of height columns, in order of preference
 _HEIGHT_SCHEMA = tuple({q.key: q for q in (*REFERENCE_SCHEMA, *IMU_SCHEMA) if q.key in ("time", *_HEIGHTS)}.values())
 _ORDER = {"ENU": ("f_east", "f_north", "f_up"), "NED": ("f_north", "f_east", "f_down")}
 
@@ -47,7 +47,7 @@ class Heights:
     """Heights over time, from a barometer or a surveyed profile."""
 
     time: FloatArray  # (n,) [s], strictly increasing
-    height: FloatArray  # (n,) as in the file [m]
+    height: FloatArray  # (n,) heights as in the file [m]
 
 
 def read_specific_force(
@@ -60,11 +60,10 @@ def read_specific_force(
     """Read specific force along the axes of a north-pointing platform.
 
     `path`: a data file of any supported format, or ``-`` for standard input. `axes` {"ENU", "NED"}: directions of
-    columns x, y, z; columns named by direction (``f_east_m_s2``, ``fe``) need none. `columns`: quantity, with or
-    without unit, to header. `sample_rate`: samples per second [Hz] of a file without a time column; the first is at 0
-    s.
-    Raises: InputError: the file cannot be used: columns missing, not along level axes, or a gap of more than five
-    samples with unknown motion. ConfigError: `columns` is invalid, or `sample_rate` is given for a file with times.
+    columns x, y, z; not needed for columns named by direction (``f_east_m_s2``, ``fe``). `columns`: quantity, with or
+    without unit, to header. `sample_rate` [Hz]: for a file without a time column; the first sample has time 0.
+    Raises: InputError: columns are missing or not along level axes, or more than five consecutive samples are missing.
+    ConfigError: `columns` is invalid, or `sample_rate` is given for a file with times.
     """
     table = open_table(path)
     name = table.name
@@ -72,9 +71,9 @@ def read_specific_force(
         table.headers, table.units, SPECIFIC_FORCE_SCHEMA, columns=columns, parts=table.parts, where=name
     )
     _check_clock(found, sample_rate, table)
-    chosen = _chosen(found, axes, table)
+    column_keys = _chosen(found, axes, table)
     columns_of = {"time": found["time"]} if sample_rate is None else {}
-    columns_of |= {key: found[column] for key, column in chosen.items()}
+    columns_of |= {key: found[column] for key, column in column_keys.items()}
     rows = read_rows(table, columns_of, tuple(columns_of), IMU_KINDS, slowest=_SLOWEST)
     evidence: list[Finding] = [Finding.of(Code.READ_IMU_SAMPLING, sampling="instant", stamp="")]
     if sample_rate is not None:
@@ -82,12 +81,12 @@ def read_specific_force(
         evidence.append(Finding.of(Code.READ_TIME_BY_RATE, rate_hz=sample_rate))
     cleaned = rows.clean()
     _refuse_gaps(cleaned, name)
-    unit, unit_evidence = _unit(cleaned, [found[column] for column in chosen.values()], name)
+    unit, unit_evidence = _unit(cleaned, [found[column] for column in column_keys.values()], name)
     data = cleaned.columns
     down = data["f_down"] if "f_down" in data else -data.get("f_up", np.full(len(data["time"]), np.nan))
     f_n = np.asarray(ALL_UNITS[unit][1] * np.column_stack([data["f_north"], data["f_east"], down]))
     _refuse_impossible(cleaned.columns["time"], f_n, name)
-    if not chosen.keys() & {"f_up", "f_down"}:
+    if not column_keys.keys() & {"f_up", "f_down"}:
         evidence.append(Finding.of(Code.READ_FORCE_NO_VERTICAL))
     return rows.reading(
         "specific force",
@@ -103,7 +102,7 @@ def read_specific_force(
 
 
 def _check_clock(found: Mapping[str, Found], sample_rate: float | None, table: Table) -> None:
-    """Refuse a file without times, and one with times if the sample rate is specified, too."""
+    """Require the time of each sample: a time column, or else the sample rate. Both together are refused."""
     if sample_rate is None:
         require(found, ("time",), table, SPECIFIC_FORCE_SCHEMA, hint="without_times")
     elif "time" in found:
@@ -112,13 +111,13 @@ def _check_clock(found: Mapping[str, Found], sample_rate: float | None, table: T
 
 
 def _chosen(found: Mapping[str, Found], axes: LevelAxes | None, table: Table) -> dict[str, str]:
-    """Map each direction to the key of its column."""
-    plain = ("accel_x", "accel_y", "accel_z")
-    if not any(key.startswith("f_") for key in found) and all(key in found for key in plain):
+    """Map each direction of specific force, such as ``f_north``, to the key of its column."""
+    xyz_keys = ("accel_x", "accel_y", "accel_z")
+    if not any(key.startswith("f_") for key in found) and all(key in found for key in xyz_keys):
         if axes is None:
-            headers = tuple(found[key].header for key in plain)
+            headers = tuple(found[key].header for key in xyz_keys)
             raise InputError("input.level_axes_unclear", where=table.name, headers=headers)
-        return dict(zip(_ORDER[axes], plain, strict=True))
+        return dict(zip(_ORDER[axes], xyz_keys, strict=True))
     require(found, ("f_north", "f_east"), table, SPECIFIC_FORCE_SCHEMA)
     if "f_up" in found and "f_down" in found:
         headers = found["f_up"].header, found["f_down"].header
@@ -136,14 +135,14 @@ def _refuse_gaps(cleaned: Cleaned, name: str) -> None:
 
 
 def _unit(cleaned: Cleaned, found: list[Found], name: str) -> tuple[str, Finding]:
-    """Find the unit of the specific force, with evidence."""
-    stated = {each.unit for each in found} - {None}
+    """Find the unit of the specific force from its headers or from gravity, with evidence."""
+    stated = {column.unit for column in found} - {None}
     if len(stated) > 1:
-        raise InputError("input.mixed_units", where=name, columns=tuple(each.describe() for each in found))
-    held: dict[str, Any] = {
+        raise InputError("input.mixed_units", where=name, columns=tuple(column.describe() for column in found))
+    medians: dict[str, Any] = {
         key: float(np.median(cleaned.columns[key])) for key in ("f_up", "f_down") if key in cleaned.columns
     }
-    vertical = held["f_up"] if "f_up" in held else -held["f_down"] if held else None  # upwards
+    vertical = medians["f_up"] if "f_up" in medians else -medians["f_down"] if medians else None  # upward force
     if stated:
         unit = str(next(iter(stated)))
         evidence = stated_unit("force", unit)
