@@ -205,7 +205,7 @@ def growth_by_start_error(q_nb: FloatArray, lla: FloatArray) -> FloatArray:
     """Compute how errors at the start of a window determine the growth of its horizontal errors.
 
     A level vehicle without turns has a velocity error, an effective horizontal acceleration ``g x phi - C db`` and its
-    rate of change ``g x C dw``, for estimate minus truth with ``C_hat = (I - [phi x]) C`` (Groves 2013, section 5.7).
+    rate of change ``g x C dw``. Attitude error: ``C_hat = (I - [phi x]) C`` (Groves 2013, section 5.7).
 
     `q_nb` (4,): initial attitude. `lla` (3,): initial position [rad], [rad], [m].
     Returns: (2, 3, 21): for North and East: velocity [m/s], acceleration [m/s^2] and jerk [m/s^3] per unit of each of

@@ -321,8 +321,8 @@ def start_shares(
     `at_end` (w, 52, 52): covariance when GPS ends. `through` (w, m, 9, 9): of navigation errors in the outages.
     `axes`: relevant axes of North, East, Down. `after`: time since the start of the outage [s].
     """
-    variance = np.diagonal(at_end, axis1=1, axis2=2).max(axis=0)
-    present = {name: states for name, states in GROUPS.items() if np.any(variance[states] > 0.0)}
+    largest = np.diagonal(at_end, axis1=1, axis2=2).max(axis=0)
+    present = {name: states for name, states in GROUPS.items() if np.any(largest[states] > 0.0)}
     values, total = np.zeros(len(present)), 0.0
     below = np.eye(SENSED)[NAV:]
     for begin, start, errors in zip(moved.begins, at_end, through, strict=True):
