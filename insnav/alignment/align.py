@@ -105,7 +105,7 @@ SOON = 10.0  # a stop that begins this soon after the first fix starts the drive
 HIDDEN = 60.0  # position noise may mask motion for this long [s]
 COURSE_TIME = 0.5  # the course sd includes the turn in this time, or in the time to the nearest velocity if longer [s]
 SPARSE = 5.0  # fixes with a longer interval show no change of velocity in a short record [s]
-THEN_FILTER = {  # alignment methods that a run of the filter has refined
+THEN_FILTER = {  # alignment methods, and the same methods after refinement by a run of the filter
     Code.ALIGN_LEVEL_MOTION: Code.ALIGN_LEVEL_MOTION_FILTER,
     Code.ALIGN_HEADING_COURSE: Code.ALIGN_HEADING_COURSE_FILTER,
     Code.ALIGN_HEADING_GYROCOMPASS: Code.ALIGN_HEADING_GYROCOMPASS_FILTER,
@@ -210,7 +210,7 @@ def _left(parts: Intervals, still: list[tuple[float, float]], time: float) -> bo
     """Return whether gyros and accelerometers show a departure between the last stop and a time [s]."""
     end = still[-1][1]
     rows = slice(*np.searchsorted(parts.end, [max(still[-1][0], end - LEVEL_SPAN), end], side="right"))
-    if rows.start == rows.stop:  # a stop with a single fix
+    if rows.start == rows.stop:  # a stop with a single fix has no samples
         return False
     rph = np.array([*static.level(static.rates(parts, rows)[1].mean(axis=0)), 0.0])
     # no latitude, as the mean rate, taken as bias, contains the Earth's rotation
@@ -223,7 +223,7 @@ def _moved(gps: GpsData, begin: float, end: float) -> bool:
     rows = np.flatnonzero((gps.time >= begin) & (gps.time <= end))
     if rows.size < 2:
         return False
-    if np.isfinite(gps.v_n[rows]).all():  # the mean does not reduce persistent errors
+    if np.isfinite(gps.v_n[rows]).all():  # averaging does not reduce persistent velocity errors
         mean = float(np.hypot(*gps.v_n[rows, :2].mean(axis=0)))
         return mean > motion.CREEP and bool(motion.is_clear(mean, np.median(gps.velocity_sd[rows, :2])))
     first, last = rows[0], rows[-1]
@@ -262,13 +262,13 @@ def _from_rest(
     if given:
         return long_stop
     speed, moving = motion.sure_motion(gps, start)
-    if moving is not None and np.isnan(sway).sum() > 0.5 * sway.size:  # a rocking boat is stationary by chance
+    if moving is not None and np.isnan(sway).sum() > 0.5 * sway.size:  # a rocking boat only seems stationary
         return None
     course = None
     if moving is not None:
         end = min(moving + speed.span + 1.0, float(parts.end[-1]))
         rph = np.array([alignment.rph[0], alignment.rph[1], 0.0])
-        # gyros carry the heading only after their stationary mean is subtracted; it is constant through a long stop
+        # gyros carry the heading after subtraction of their stationary mean; in a long stop the heading is constant
         bias, bias_sd = static.gyro_bias(means, spec, rph, np.inf, lat)
         track = motion.history(parts, means.end if sway.size else start, end, rph, bias, lat)
         # the horizontal Earth rate, unknown with the heading, is in the bias sd but does not rotate the heading
@@ -289,7 +289,7 @@ def _from_rest(
 def _ends_before(parts: Intervals, gps: GpsData) -> float:
     """Return the time from the last sample to the last fix [s]; NaN if it is not longer than `motion.SPAN`."""
     later = float(gps.time[-1] - parts.end[-1])
-    return later if later > motion.SPAN else np.nan  # these fixes may show motion for a heading
+    return later if later > motion.SPAN else np.nan  # later fixes may show the motion that a heading needs
 
 
 def _in_motion(

@@ -25,9 +25,9 @@ from insnav.strapdown import Intervals
 from insnav.types import BoolArray, FloatArray, GpsData
 
 FEWEST_TURNS = 20  # least number of useful intervals
-TURNS = 0.04  # RMS turn of useful intervals [rad]
+TURNS = 0.04  # least RMS turn of useful intervals [rad]
 SHARP = 2.5  # the sense of larger turns is ambiguous [rad]
-COARSE = 0.5  # resolution of the best lag, at least [s]
+COARSE = 0.5  # assumed resolution of the best lag [s]
 STEEPEST = 1.55  # latitude, north or south, beyond which the course changes with every metre [rad]
 STEP = 0.1  # interval of the comparison grid [s]
 SPAN = 1.0  # least interval of turns and velocity changes [s]
@@ -66,15 +66,15 @@ NOISE = 2.0  # accelerations of fixes beyond this multiple of the samples' RMS a
 LEAST = 0.5
 # IMU at rest: averaging time, largest differences of its means, and least acceleration of moving fixes. Consumer biases
 # vary by 0.03 m/s^2 and 0.001 rad/s in ten minutes. Ships, trains and flights may change no faster.
-MEAN, STILL, STILL_TURN, MOVED = 10.0, 0.05, 0.005, 0.3  # [s], [m/s^2], [rad/s], [m/s^2]
+MEAN, STILL, STILL_TURN, MOVED = 10.0, 0.05, 0.005, 0.3  # units: [s], [m/s^2], [rad/s], [m/s^2]
 
 
 @dataclass(frozen=True, slots=True)
 class ClockOffset:
     """Offset of the IMU clock behind the receiver clock."""
 
-    offset: float  # to be added to the times of the IMU [s]
-    sd: float  # standard deviation [s]
+    offset: float  # offset to be added to the times of the IMU [s]
+    sd: float  # standard deviation of the offset [s]
     turns: float  # correlation of turn rates at this offset [-]
     accelerations: float  # correlation of horizontal accelerations [-]
     overlap: float  # common time of the records with this offset [s]
@@ -92,14 +92,14 @@ class Unlike:
     turns: float  # correlation of turn rates, the best near zero offset [-]
     accelerations: float  # correlation of horizontal accelerations [-]
     overlap: float  # common time of the records [s]
-    at_rest: bool = False  # the IMU is stationary and the fixes move
+    at_rest: bool = False  # True if the IMU is stationary while the fixes move
 
 
 @dataclass(frozen=True, slots=True)
 class _Track:
     """Integrated turn and velocity change of a record; their differences over spans are compared."""
 
-    time: FloatArray  # (n,) [s]
+    time: FloatArray  # (n,) times of the rows [s]
     turn: FloatArray  # (n,) turn about the vertical, or course [rad]
     change: FloatArray  # (n, 2) horizontal velocity, apart from slow changes [m/s]
     turns: BoolArray  # (n,) rows with a known turn
@@ -112,10 +112,10 @@ class _Compared:
     """Turns and accelerations of samples and fixes, correlated at every lag."""
 
     span: float  # interval of the changes [s]
-    lags: FloatArray  # (k,) [s]
+    lags: FloatArray  # (k,) clock offsets that are compared [s]
     alike: FloatArray  # (2, k) correlation of turns and of accelerations [-]
     common: FloatArray  # (2, k) common time [s]
-    score: FloatArray  # (k,) log-likelihood
+    score: FloatArray  # (k,) log-likelihood of each lag
     most: float  # largest time-weighted mean of both correlations, at the best lag [-]
     felt: float  # RMS acceleration of the samples [m/s^2]
     seen: float  # RMS acceleration of the fixes [m/s^2]
@@ -282,7 +282,7 @@ def _compared(
     for i, (x, mx, y, my) in enumerate(zip(imu[1], imu[2], gps[1], gps[2], strict=True)):
         if not (mx.any() and my.any()):
             continue
-        felt, seen = float(np.std(x[mx])), float(np.std(y[my]))  # accelerations are last
+        felt, seen = float(np.std(x[mx])), float(np.std(y[my]))  # the last round keeps the accelerations
         motion = np.where(my & within, (y - np.median(y[my])) ** 2, 0.0)
         inside, judged = inside + motion.sum(), judged + motion[within] @ mx[row[within]]
         correlation, count = correlate_masked(x, mx, y, my)

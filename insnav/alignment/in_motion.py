@@ -18,21 +18,21 @@ from insnav.strapdown import Intervals, between
 from insnav.types import Alignment, BoolArray, FloatArray, GpsData, IntArray
 from insnav.units import G0
 
-SLOWEST = 2.0  # below this, GPS velocity noise changes the course by degrees [m/s]
-CRAWL = 0.7  # limit for robots and boats that are never faster, with a larger course sd [m/s]
+SLOWEST = 2.0  # below this speed, GPS velocity noise changes the course by degrees [m/s]
+CRAWL = 0.7  # speed limit instead of `SLOWEST` for slow robots and boats, with a larger course sd [m/s]
 SURELY = 3.0  # a spike of the positions resembles motion for less than this [s]
 SPAN = 15.0  # length of motion for a heading; gyro drift dominates beyond it [s]
 SLIP_SD = np.deg2rad(3.0)  # sd of the angle from travel to the body's forward axis, by slip and mounting
 CREEP = SLIP_SD * SLOWEST / np.deg2rad(30.0)  # below this speed the course is dominated by slip [m/s]
 SEEN = 0.1  # time before and after a fix in which a receiver may smooth the velocity [s]
 DIFFERENCE = 2.0  # base of velocities from positions: 1 m of noise gives 0.7 m/s [s]
-LONGER = 5.0, 10.0  # longer bases if no motion is significant: positions as poor as a telephone's [s]
+LONGER = 5.0, 10.0  # longer bases if no motion is significant, for positions as inaccurate as a phone's [s]
 STEADY = 300.0  # longest motion for the gyro bias from the course; turns dominate beyond it [s]
 CHANGING = 1.0 / 3.0  # share of the slip that changes with time, unlike crabbing and mounting [-]
 FEWEST = 10  # least number of epochs in this motion
 SUDDEN = 30.0  # no vehicle accelerates more [m/s^2]
 CLEAR_SD = np.deg2rad(20.0)  # largest usable sd of the direction of acceleration
-# angle between acceleration and course if the IMU is rotated: larger; if the vehicle reverses: pi within this [rad]
+# angle of acceleration from course: beyond TURNED the IMU is rotated; within REVERSED of pi the vehicle reverses [rad]
 TURNED, REVERSED = np.deg2rad(40.0), np.deg2rad(30.0)
 
 
@@ -40,7 +40,7 @@ TURNED, REVERSED = np.deg2rad(40.0), np.deg2rad(30.0)
 class Velocity:
     """GPS velocity, measured or from successive positions."""
 
-    time: FloatArray  # (n,) [s]
+    time: FloatArray  # (n,) times [s]
     v_n: FloatArray  # (n, 3) North, East, Down [m/s]
     sd: FloatArray  # (n,) standard deviation of each horizontal component [m/s]
     slowest: float = SLOWEST  # speed that counts as motion [m/s]
@@ -72,8 +72,8 @@ class Velocity:
 class History:
     """Attitude by gyros alone and integrated specific force, at interval ends from the start."""
 
-    time: FloatArray  # (n,) [s]
-    q_nb: FloatArray  # (n, 4)
+    time: FloatArray  # (n,) interval ends [s]
+    q_nb: FloatArray  # (n, 4) attitude quaternion
     u_n: FloatArray  # (n, 3) integrated specific force in the axes of `q_nb` [m/s]
 
     def heading(self, time: FloatArray) -> FloatArray:
@@ -196,9 +196,9 @@ def start_velocity(parts: Intervals, found: Alignment, gps: GpsData, lever_sd: f
 class Course:
     """Heading at the start of a history, estimated from motion."""
 
-    heading: float  # [rad]
-    sd: float
-    method: Code
+    heading: float  # heading at the start [rad]
+    sd: float  # standard deviation of the heading [rad]
+    method: Code  # code of the method
 
 
 def first_motion(speed: Velocity, start: float) -> float | None:

@@ -33,17 +33,17 @@ from insnav.strapdown import Intervals, joined
 from insnav.types import FloatArray, GpsData, IntArray
 from insnav.units import DEG
 
-WINDOW = 8.0  # longer, gyro drift dominates; shorter, there are too few velocity changes [s]
+WINDOW = 8.0  # window length: gyro drift dominates longer windows, shorter ones have few velocity changes [s]
 STEP = 1.0  # interval between compared fixes, in which a vehicle hardly turns [s]
 NOISY, LONGEST = 3.0, 3.0  # factor on `WINDOW` per m/s of velocity noise, and its maximum
-PLACED, LONGEST_PLACED = 2.0, 4.0  # the same per square root of a metre of position noise; the longest show tilts
+PLACED, LONGEST_PLACED = 2.0, 4.0  # factor per square root of a metre of position noise, and maximum, which shows tilts
 BASE = 4.0  # interval between positions for the course [s]
 OVERLAP = 2  # number of windows that contain each second
 MOST = 200  # largest number of windows, selected by acceleration
 FEWEST = 5  # least number of windows for an estimate
 SHARE = 0.1  # relative error of accelerations, by slip, scale factors and lever arm [-]
 LIVELY = 0.3  # RMS acceleration of a useful window [m/s^2]
-TURN = np.deg2rad(25.0)  # course change of a turning window
+TURN = np.deg2rad(25.0)  # least course change of a turning window
 SCATTER = np.deg2rad(8.0)  # standard deviation of the yaw beyond which there is no result
 # prior log odds against each wrong column; posterior log odds that prove wrong columns, 95 %
 RARE, SURE = float(np.log(100.0)), float(np.log(19.0))
@@ -253,8 +253,8 @@ def _refined(windows: _Windows, gyros: FloatArray, start: FloatArray, sd: FloatA
 class _Sums:
     """Integrals since the first sample: angles, velocities, positions, and products of angles with rates and forces."""
 
-    time: FloatArray  # (n,) [s]
-    table: FloatArray  # (n, 27)
+    time: FloatArray  # (n,) ends of the samples [s]
+    table: FloatArray  # (n, 27) integrals up to each end
 
     @classmethod
     def of(cls, parts: Intervals) -> _Sums:
@@ -297,9 +297,9 @@ def _increments_of(turn: FloatArray) -> FloatArray:
 class _Windows:
     """Spans of a drive with GPS accelerations."""
 
-    sums: Callable[[float], tuple[FloatArray, FloatArray]]  # `_Sums.between` fixes, for a delay of the samples [s]
+    sums: Callable[[float], tuple[FloatArray, FloatArray]]  # `_Sums.between` fixes by delay of the samples [s]
     shares: int  # number of intervals of `sums` between two fixes
-    first: IntArray  # (w,) first fix
+    first: IntArray  # (w,) row of the first fix
     compared: FloatArray  # (w, m, k) sums over fixes: changes of velocity, or of position without steady motion
     change: FloatArray  # (w, m, 3) changes of GPS minus gravity, forward, right, down [m/s] or [m]
     strength: FloatArray  # (w,) sum of squared horizontal changes
@@ -335,13 +335,13 @@ class _Windows:
 class _Fixes:
     """Fixes within the samples."""
 
-    time: FloatArray  # (n,) [s]
-    v_n: FloatArray  # (n, 3) [m/s]
+    time: FloatArray  # (n,) times of the fixes [s]
+    v_n: FloatArray  # (n, 3) velocity North, East, Down [m/s]
     sd: FloatArray  # (n,) sd of `v_n` [m/s]
     value: FloatArray  # (n, 3) positions [m] or velocities [m/s]
     noise: FloatArray  # (n,) sd of `value`
-    gravity: FloatArray  # (3,) [m/s^2]
-    placed: bool
+    gravity: FloatArray  # (3,) gravity North, East, Down [m/s^2]
+    placed: bool  # True if `value` has positions
 
     @classmethod
     def of(cls, sums: _Sums, gps: GpsData, *, placed: bool) -> _Fixes | None:

@@ -24,11 +24,11 @@ from insnav.types import Alignment, BoolArray, FloatArray
 from insnav.units import G0
 
 WINDOW = 0.5  # length of the classified windows: several periods of an idling engine [s]
-FEWEST = 10  # samples per mean
+FEWEST = 10  # least number of samples in a mean
 SHORTEST = 3.0  # a shorter stop gives the level no better than the first fixes [s]
-CALM_ACCEL, CALM_GYRO = 0.3, 0.03  # quiet below these without GPS: standard deviation [m/s^2], [rad/s] ...
-QUIET_FACTOR = 4.0  # ... and up to this many times the quietest tenth of the record
-LOUD_ACCEL, LOUD_GYRO = 1.0, 0.15  # never quiet above, even with an engine running: sd [m/s^2], [rad/s]
+CALM_ACCEL, CALM_GYRO = 0.3, 0.03  # largest sd in a quiet window without GPS [m/s^2], [rad/s]
+QUIET_FACTOR = 4.0  # a quiet window may also have this multiple of the sd in the quietest tenth of the record
+LOUD_ACCEL, LOUD_GYRO = 1.0, 0.15  # largest sd in any quiet window, even with an engine running [m/s^2], [rad/s]
 TURNING = 0.01  # difference of a mean rate from the median of quiet windows in a turn: 0.6 deg/s [rad/s]
 PUSHED = 0.2  # change of mean specific force between windows in motion: 0.02 g [m/s^2]
 # A soft departure changes rate and force less, but for longer: deviation of means in robust standard deviations, least
@@ -165,7 +165,7 @@ def _windows(
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
     """Compute mean rate (n, 3), norm of its sd (n,), and both of specific force, in `n` windows from row `begin`."""
     mean, loud = np.empty((2, n, 3)), np.empty((2, n))
-    for some in spill.blocks(n, size=1 + spill.ROWS // size):  # a stop may last for days
+    for some in spill.blocks(n, size=1 + spill.ROWS // size):  # blocks limit memory in a stop of days
         samples = parts.dt, parts.gyro, parts.accel, parts.instant
         window_scatter(*samples, size, begin, some.start, some.stop, mean, loud)
     return mean[0], loud[0], mean[1], loud[1]
@@ -210,7 +210,7 @@ def departure(parts: Intervals, rest: tuple[float, float]) -> float:
         for first, last in runs_of(odd):
             if last - first >= duration:
                 return float(parts.end[now + first * size - 1])
-        more = odd.size - int(np.argmin(odd[::-1])) if odd[-1] else odd.size  # odd windows at the end come next
+        more = odd.size - int(np.argmin(odd[::-1])) if odd[-1] else odd.size  # odd windows at the end begin the next
         before, now = current, now + more * size
     return float(parts.end[-1])
 

@@ -29,7 +29,7 @@ class Certificate:
     checks: tuple[Check, ...]
     seconds: float  # duration including compilation [s]
     machine: str = field(default_factory=lambda: f"{platform.system()} {platform.machine()}")
-    version: str = __version__  # of insnav
+    version: str = __version__  # version of insnav
 
     @property
     def failed(self) -> tuple[Check, ...]:

@@ -18,7 +18,7 @@ class FaultRow:
     fault: str
     bar: str  # required behaviour
     measured: str  # measured behaviour
-    test: str  # file, or file and function; empty without a test
+    test: str  # test file, or file and function; empty without a test
     state: Literal["met", "partly", "open"]  # partly: the test is weaker than the limit
     reason: str = ""  # reason for a changed requirement
 

@@ -50,21 +50,20 @@ class Check:
         return self.error <= self.limit
 
 
-METHODS: tuple[Method, ...] = ("polynomial", "rk4", "rotvec", "euler")  # the limits apply to the first
+METHODS: tuple[Method, ...] = ("polynomial", "rk4", "rotvec", "euler")  # limits apply only to the first method
 
 
 @dataclass(frozen=True, slots=True)
 class Steps:
     """Result of an integrator for each sampling interval."""
 
-    # (n,) end and length of each interval [s]
-    time: FloatArray
-    dt: FloatArray
+    time: FloatArray  # (n,) end of each interval [s]
+    dt: FloatArray  # (n,) length of each interval [s]
     rotation: FloatArray  # (n, 3) rotation vector of the body over each interval [rad]
     velocity: FloatArray  # (n, 3) integral of the specific force in the axes of the interval's start [m/s]
 
 
-Start = tuple[FloatArray, FloatArray, FloatArray]  # position; velocity N, E, D; roll, pitch, heading
+Start = tuple[FloatArray, FloatArray, FloatArray]  # start: position; velocity N, E, D; roll, pitch, heading
 
 
 @dataclass(frozen=True, slots=True)
@@ -150,7 +149,7 @@ def _pyins_navigate(imu: ImuData, start: Start, height: FloatArray, v_down: Floa
     lla, v_n, rph = start
     first = np.concatenate([lla[:2] / DEG, lla[2:], v_n, rph / DEG])
     pva = pd.Series(first, index=util.TRAJECTORY_COLS, name=imu.time[0])
-    with warnings.catch_warnings(), np.errstate(all="ignore"):  # divides by zero at a pole; deprecated pandas functions
+    with warnings.catch_warnings(), np.errstate(all="ignore"):  # python-ins divides by zero at a pole
         warnings.simplefilter("ignore")
         try:
             table = theirs.Integrator(pva, with_altitude=False).integrate(_pyins_increments(imu)).to_numpy()

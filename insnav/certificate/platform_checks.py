@@ -22,7 +22,7 @@ _B = _A * (1.0 - _F)
 _E = np.sqrt(_A * _A - _B * _B)  # linear eccentricity [m]
 PUBLISHED = {0.0: 9.7803253359, 90.0: 9.8321849378}  # latitude [deg] -> normal gravity [m/s^2], TR8350.2 table 3.4
 HEIGHTS = (1e3, 5e3, 10e3, 20e3)  # heights of the comparison [m]
-NAMES: tuple[Integrator, ...] = ("fourth", "mean", "forward", "backward")  # the limits apply to the first
+NAMES: tuple[Integrator, ...] = ("fourth", "mean", "forward", "backward")  # limits apply only to the first integrator
 ORDERS = {"fourth": 4, "mean": 2, "forward": 1, "backward": 1}
 RATE = 10.0  # sampling rate [Hz]
 _TOPIC = "platform"
@@ -142,7 +142,7 @@ def vertical() -> list[Check]:
     coriolis = (2.0 * float(earth_rate_n(PLACE[0])[0])) ** 2
     square = (g[0] - g[1]) / (2.0 * step) - coriolis
     growth = (1.0 + coriolis / square) * np.cosh(np.sqrt(square) * time) - coriolis / square
-    # three equal roots -1/T; x(0) = 1, x'(0) = -3/T, x''(0) = 6/T^2
+    # damped channel with three equal roots -1/T: height error x(0) = 1, x'(0) = -3/T, x''(0) = 6/T^2
     scaled = time / DAMPING_TIME
     decay = np.exp(-scaled) * (1.0 - 2.0 * scaled + 0.5 * scaled**2)
     start, zero = PLACE + np.array([0.0, 0.0, 1.0]), np.zeros(3)

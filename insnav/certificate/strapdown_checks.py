@@ -26,7 +26,7 @@ _ARCSEC = DEG / 3600.0
 _CONING_LIMITS = {1.0: 1e-4, 5.0: 0.02, 10.0: 0.1, 20.0: 70.0}
 _PLACE = np.array([48.0 * DEG, 11.0 * DEG, 500.0])
 _HOUR = 3600.0
-DAY = 86400.0  # [s]
+DAY = 86400.0  # length of a day [s]
 PLACE = np.array([45.0 * DEG, 0.2, 0.0])
 # errors small enough for the linear closed form, and large enough to be measured
 ERRORS = PlatformErrors(

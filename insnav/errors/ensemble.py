@@ -50,7 +50,7 @@ _WIDTH = 23
 class NavigatedRecording:
     """Monte Carlo task: simulate a recording and navigate it as ``insnav run`` does, with known lever arm."""
 
-    truth: Truth  # the motion
+    truth: Truth  # simulated motion
     imu_spec: ImuSpec  # sensor errors of the simulation; the filter assumes the same, also for `gps_spec`
     gps_spec: GpsSpec
     perfect: ImuData  # samples of an error-free IMU
@@ -87,7 +87,7 @@ def reduced(run: Run, truth: Truth, axes_sd: FloatArray) -> Sample:
     value = np.column_stack((errors.position, errors.velocity, errors.attitude))
     sd = np.zeros_like(value) if errors.sd is None else errors.sd
     series = np.zeros((epochs(truth), _WIDTH))
-    # the first row of each second, at any solution rate
+    # the first row of the solution in each second, at any solution rate
     second, first = np.unique(_row(truth, errors.time), return_index=True)
     series[second, _EPOCH] = 1.0
     series[second, _SQUARE], series[second, _VARIANCE] = value[first] ** 2, sd[first] ** 2
@@ -138,13 +138,13 @@ def normalised(state: Epochs, truth: Truth, axes_sd: FloatArray) -> FloatArray:
 class Ensemble:
     """Errors of many runs at each second, and the stated uncertainty of the filter."""
 
-    time: FloatArray  # (m,) [s]
+    time: FloatArray  # (m,) times of the ensemble epochs [s]
     count: IntArray  # (m,) number of runs with a solution at this second
     # (m, 9) root mean square of the errors (`rms`) and of the stated standard deviations (`sd`), in the order of
     # `COMPONENTS` [m], [m/s], [rad]
     rms: FloatArray
     sd: FloatArray
-    nees_time: FloatArray  # (k,) seconds with fixes [s]
+    nees_time: FloatArray  # (k,) times of the ensemble epochs with fixes [s]
     nees_count: IntArray  # (k,) number of fixes averaged in `nees`
     # (k, 3) mean normalised squared error of position, velocity and attitude, divided by its three degrees of freedom:
     # one if the stated covariance is true

@@ -43,8 +43,8 @@ KEEP = 0.5  # interval of the compared states [s]
 HOLDS = 0.95  # a smaller share of errors inside 3 sd is reported as over-confidence [-]
 _LARGEST_SCALE = LARGEST["scale_factor"]["accel"]
 _MANY = 0.1  # a larger share of rejected fixes is reported [-]
-_LARGE, _ONE_ROW = 0.5, 0.8  # limit `_LARGE` if so many of the rejected fixes are consecutive: a fault that ended
-_ROW, _ROW_TIME = 3, 1.9  # least number of consecutive rejected fixes, and their duration [s], beyond chance
+_LARGE, _ONE_ROW = 0.5, 0.8  # limit `_LARGE` replaces `_MANY` if over `_ONE_ROW` of rejected fixes are consecutive
+_ROW, _ROW_TIME = 3, 1.9  # least number of consecutive rejected fixes, and least duration [s], beyond chance
 _LONG_GAP = 1.0  # IMU data gap in which a car may turn and brake [s]
 # a constant difference is the cause if its removal leaves less than this share of the errors outside 3 sd [-]
 _EXPLAINED = 0.5
@@ -52,8 +52,7 @@ _AT_THE_LIMIT = 0.99  # an initial scale factor sd above this share of the searc
 _ACROSS = 0.02  # cross-axis sensitivity: share of the signals of the other axes in the output of an axis [-]
 # an implausible bias exceeds the turn-on bias by this factor: clean drives have 1.4, navigation-grade drives 4 [-]
 _TURN_ON = 2.0
-# heading and course are unrelated if their difference has a smaller resultant [-] (clean drives: 0.84) above this speed
-# [m/s]
+# least resultant of heading minus course in a valid solution [-] (clean drives: 0.84), above this speed [m/s]
 _ALONG, _MOVING = 0.5, 3.0
 _UNUSED = 0.3  # a larger share of fixes before the start of navigation is reported [-]
 _TURNED = 5.0 * DEG  # least reported heading error by a steady turn during the initial stationary period [rad]
@@ -134,7 +133,7 @@ def _compared(piece: Increments, solution: Trajectory, state: int, every: int) -
     begin = float(piece.time[0] - piece.dt[0])
     elapsed = full.time - begin
     rate = 2.0 * earth_rate_n(full.lla[:, 0]) + transport_rate_n(full.lla[:, 0], full.lla[:, 2], full.v_n)
-    velocity_error = _integral(elapsed, np.cross(rate, full.v_n))  # of the short form: it omits the Coriolis term
+    velocity_error = _integral(elapsed, np.cross(rate, full.v_n))  # the short form omits the Coriolis term
     return ShortWindow(
         start=begin,
         speed=float(np.mean(np.hypot(full.v_n[:, 0], full.v_n[:, 1]))),
@@ -166,8 +165,8 @@ def _corrected(piece: Increments, errors: SensorErrors | None, begin: float) -> 
 _FEW, _MOST, _SAME = 10, 0.9, 1e-10
 _WHOLE = 1e-3  # tolerance of a whole number of decimal steps, for the rounding of a double [steps]
 _SIGNIFICANT = 5.0  # significant difference in standard deviations
-_REJECTED = 0.5  # a larger share of rejected positions makes the solution unusable [-] ...
-_LOST, _LOST_RESETS = 0.2, 3  # ... or this share after so many filter resets
+_REJECTED = 0.5  # a larger share of rejected positions makes the solution unusable [-]
+_LOST, _LOST_RESETS = 0.2, 3  # a larger share, with as many filter resets or more, does so, too [-]
 _UNKNOWN = 300.0  # limit of the median horizontal sd at used fixes, larger than with any receiver [m]
 SHORTEST_OUTAGE_S = 2.0
 MISSED_FIXES = 3.0  # least length of an outage in median intervals between fixes
@@ -179,12 +178,10 @@ class EvaluatedRun:
 
     run: Run
     gps: GpsData | None = None  # processed fixes, every value with a standard deviation
-    # of the filtered and of the smoothed solution against the reference
-    errors: TrajectoryErrors | None = None
-    smoothed_errors: TrajectoryErrors | None = None
-    # short-duration mechanization compared with the full one, if requested
-    short_duration: tuple[ShortWindow, ...] = ()
-    noise: NoiseEstimate | None = None  # estimate from the innovations
+    errors: TrajectoryErrors | None = None  # errors of the filtered solution against the reference
+    smoothed_errors: TrajectoryErrors | None = None  # errors of the smoothed solution against the reference
+    short_duration: tuple[ShortWindow, ...] = ()  # comparison of short-duration and full mechanization, if requested
+    noise: NoiseEstimate | None = None  # noise parameters estimated from the innovations
     reference_is_gps: bool = False  # the reference equals the aiding fixes
     backdrop: FloatArray | None = None  # (n, 2) latitude, longitude of lines on the map, NaN between lines [rad]
 
@@ -343,9 +340,9 @@ def failure(run: Run) -> Finding | None:
 class Unaided(NamedTuple):
     """Time without a used position fix."""
 
-    start: float  # [s]
-    end: float
-    rejected: int  # rejected fixes in this time; zero in an outage
+    start: float  # start of the time [s]
+    end: float  # end of the time [s]
+    rejected: int  # number of rejected fixes in this time; zero in an outage
 
 
 def outages(run: Run) -> list[Unaided]:

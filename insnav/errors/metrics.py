@@ -342,7 +342,7 @@ class Solution(NamedTuple):
     """Solution of a run."""
 
     run: str  # name of the run
-    solution: str  # filtered or smoothed
+    solution: str  # kind of solution: filtered or smoothed
     trajectory: Trajectory
     lever_b: FloatArray  # (3,) antenna of the run seen from the IMU, body axes [m]
 
@@ -352,16 +352,16 @@ class Compared:
     """Errors of a solution of a run."""
 
     run: str  # name of the run
-    solution: str  # filtered or smoothed
-    errors: TrajectoryErrors  # at the common epochs of all runs
+    solution: str  # kind of solution: filtered or smoothed
+    errors: TrajectoryErrors  # errors at the common epochs of all runs
 
 
 @dataclass(frozen=True, slots=True)
 class Comparison:
     """Comparison of runs with one reference."""
 
-    reference: Trajectory  # with all its epochs
-    compared: tuple[Compared, ...]  # in input order; each smoothed solution follows the filtered one of its run
+    reference: Trajectory  # reference with all its epochs
+    compared: tuple[Compared, ...]  # in input order; a smoothed solution follows the filtered one of its run
 
     def rows(self) -> list[dict[str, Any]]:
         """List the accuracy of each solution.

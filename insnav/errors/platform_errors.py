@@ -32,7 +32,7 @@ from insnav.simulate import Truth, circle, imu_from_truth, reference, straight
 from insnav.types import FloatArray, Trajectory
 from insnav.units import DEG, DEG_PER_H, UG
 
-FAINT = 0.01  # a smaller motion, relative to the whole, has no measurable period
+FAINT = 0.01  # an oscillation below this share of the largest amplitude has no measurable period [-]
 SEARCH = 0.1  # relative search range around the expected periods
 ComplexArray = NDArray[np.complex128]
 SHORTEST_RECORD = 0.5  # a shorter record does not separate the slow oscillations [days]
@@ -44,8 +44,8 @@ AGAINST: Integrator = "fourth"  # reference integrator of the comparison
 LAT = 45.0 * DEG
 HEIGHT, SPEED, ROUND = 5000.0, 150.0, 600.0  # holding pattern: height [m], speed [m/s], time of one circle [s]
 FLIGHT, FLIGHT_RATES = 1800.0, (1.0, 10.0, 100.0)  # duration [s] and sampling rates [Hz], in circles
-DAY, DAY_RATE = 86400.0, 10.0  # the same at rest
-PATTERN, PATTERN_RATE = 7200.0, 50.0  # the same in circles, for the comparison with strapdown
+DAY, DAY_RATE = 86400.0, 10.0  # duration [s] and sampling rate [Hz] at rest
+PATTERN, PATTERN_RATE = 7200.0, 50.0  # duration [s] and sampling rate [Hz] in circles, compared with strapdown
 ERRORS = PlatformErrors(
     tilt=np.array([0.0, 0.0, 1.0 / 60.0]) * DEG,
     drift=np.array([0.01, 0.01, 0.01]) * DEG_PER_H,
@@ -67,9 +67,8 @@ class StaticErrors:
     """Errors of a stationary navigator as functions of time."""
 
     time: FloatArray  # (n,) since the start [s]
-    # (n, 2) errors North, East [m], [m/s]
-    position: FloatArray
-    velocity: FloatArray
+    position: FloatArray  # (n, 2) position error North, East [m]
+    velocity: FloatArray  # (n, 2) velocity error North, East [m/s]
     tilt: FloatArray  # (n, 3) rotation from the true North, East, Down to the navigator's axes [rad]
 
 
@@ -144,7 +143,7 @@ def static_errors(time: FloatArray, lat: float, height: float, errors: PlatformE
     amplitude = np.linalg.solve(eigenvector, -np.concatenate([(steady + daily).real, (ramp + 1j * omega * daily).real]))
     swing = ((amplitude * np.exp(np.outer(t, eigenvalue))) @ eigenvector.T).real
     position, velocity = forced.real + swing[:, :2], forced_rate.real + swing[:, 2:]
-    # dtheta = (dlon cos L, -dL, -dlon sin L)
+    # position error as a rotation: dtheta = (dlon cos L, -dL, -dlon sin L)
     north, east = (position / radius).T
     tilt = psi + np.column_stack([east, -north, -east * np.tan(lat)])
     return StaticErrors(t, position, velocity, np.asarray(tilt))
@@ -203,9 +202,8 @@ class Convergence:
     """Largest error of an integrator for several step sizes."""
 
     integrator: Integrator
-    # (n,)
-    step: FloatArray
-    error: FloatArray
+    step: FloatArray  # (n,) step sizes, in the unit of the independent variable
+    error: FloatArray  # (n,) largest error with each step size
 
     @property
     def order(self) -> float:
@@ -217,10 +215,9 @@ class Convergence:
 class PlatformComparison:
     """Platform and strapdown navigator with equal errors on the same motion."""
 
-    time: FloatArray  # (n,) [s]
-    # (n, 3) error of position North, East, Down [m]; both height-constrained
-    platform: FloatArray
-    strapdown: FloatArray
+    time: FloatArray  # (n,) times [s]
+    platform: FloatArray  # (n, 3) position error North, East, Down of the height-constrained platform [m]
+    strapdown: FloatArray  # (n, 3) position error of the height-constrained strapdown navigator [m]
 
 
 @dataclass(frozen=True, slots=True)
@@ -228,7 +225,7 @@ class Demonstration:
     """Integrators on a sine and a known flight; platform and strapdown navigator at rest and in circles."""
 
     orders: Sequence[Convergence]
-    flight: Mapping[float, Sequence[TrajectoryErrors]]  # by sampling rate [Hz], in the order of `INTEGRATORS`
+    flight: Mapping[float, Sequence[TrajectoryErrors]]  # errors by sampling rate [Hz], in the order of `INTEGRATORS`
     rest: PlatformComparison
     turning: PlatformComparison
 
@@ -238,9 +235,9 @@ class PlatformStudy:
     """Record of specific force, integrated by all integrators."""
 
     chosen: Integrator  # integrator of the main solution
-    runs: Mapping[Integrator, PlatformRun]  # by integrator; with the errors of the platform
+    runs: Mapping[Integrator, PlatformRun]  # runs with the errors of the platform, by integrator
     errors: PlatformErrors
-    reference: Trajectory | None  # reference of the integrators
+    reference: Trajectory | None  # reference for the comparison of integrators
 
     @property
     def run(self) -> PlatformRun:

@@ -25,10 +25,10 @@ from insnav.units import DEG
 FEWEST = 100  # least number of epochs
 BLOCKS = 10  # parts of a drive for the jackknife, as errors of neighbouring epochs are correlated
 TURNED = 0.3  # least direction change, as the RMS distance of unit vectors from their mean [-]
-_CLEAR = 5.0  # another reference point is reported beyond this many standard deviations ...
-LEAST = 0.05  # ... beyond this distance [m] ...
-WORTH = 0.8  # ... and if it reduces the difference to this share: an inaccurate run has offsets, too
-HORIZONTAL, VERTICAL = slice(2), slice(2, 3)  # axes of a position
+_CLEAR = 5.0  # least significance of another reference point, in standard deviations
+LEAST = 0.05  # least distance of another reference point [m]
+WORTH = 0.8  # another point must reduce the RMS below this share: an inaccurate run has offsets, too [-]
+HORIZONTAL, VERTICAL = slice(2), slice(2, 3)  # columns of a position North, East, Down
 GEOID = 10.0  # mean height difference, too large for navigation errors [m]
 LARGEST_UNDULATION = 110.0  # limit of geoid undulations, which are -107 to 86 m in EGM2008 [m]
 FARTHEST, STEP = 30.0, 0.25  # range and step of the search for a clock error [s]
@@ -52,7 +52,7 @@ class ReferenceOffset:
     """Constant parts of the difference between a run and its reference."""
 
     body: FloatArray  # (2,) point of the reference seen from the compared point, forward and right [m]
-    body_sd: FloatArray  # (2,)
+    body_sd: FloatArray  # (2,) standard deviation of `body` [m]
     horizontal_rms: float  # RMS of the uncorrected difference [m]
     horizontal_rms_without: float  # RMS after moving the compared point by `body` [m]
     down: float  # mean height difference, positive if the reference is higher [m]
@@ -87,7 +87,7 @@ def reference_offset(
     c = dcm_from_rph(track.rph[rows_at(track, errors.time[known])])[:, :2, :2]
     if np.sqrt(np.sum(np.var(c[:, :, 0], axis=0))) < TURNED:
         return None
-    terms = np.concatenate([-c, np.broadcast_to(np.eye(2), c.shape)], axis=2)  # columns: forward, right; north, east
+    terms = np.concatenate([-c, np.broadcast_to(np.eye(2), c.shape)], axis=2)  # unknowns: forward, right, north, east
     weight = stated_weights(errors, HORIZONTAL)[known, None]
     value, value_sd = jackknifed(terms * weight[..., None], position[:, :2] * weight)
     body, sd = value[:2], value_sd[:2] if lever_sd is None else np.hypot(value_sd[:2], lever_sd[:2])
@@ -209,7 +209,7 @@ def check_reference(
         code = Code.REF_HEADING_AXES if by_course else Code.REF_HEADING_OFFSET
         add(code, angle_rad=constant, limit_rad=LEAST_HEADING)
     turn = None if until is None else turned_in_place(track)
-    by_turn = until is not None and turn is not None and turn[0] < until < turn[1]  # the solution turned at rest
+    by_turn = until is not None and turn is not None and turn[0] < until < turn[1]  # an error of the solution
     if until is not None and not by_course and not by_turn:
         largest = float(np.nanmax(np.abs(errors.attitude[errors.time < until, 2])))
         rows = (reference.time < until)[:, None]
@@ -339,7 +339,7 @@ def misread_headings(errors: TrajectoryErrors, track: Trajectory) -> str:
         return ""
     solved = track.rph[rows_at(track, errors.time[known]), 2]
     given = solved - errors.attitude[known, 2]
-    if _middle(given - solved)[1] < LEAST_TURN:  # correct, or with a constant difference
+    if _middle(given - solved)[1] < LEAST_TURN:  # headings are correct, or differ by a constant
         return ""
     readings = {
         "counter_clockwise_from_east": 0.5 * np.pi - given,

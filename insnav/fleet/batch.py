@@ -106,7 +106,7 @@ def batch(
         navigated = each(_navigated, jobs, workers, (run, place))
         for number, (drive, kept) in enumerate(zip(drives, finished, strict=True), start=1):
             outcome = next(navigated) if kept is None else kept
-            if isinstance(outcome, InsnavError):  # its process died
+            if isinstance(outcome, InsnavError):  # the worker process died
                 outcome = Navigated(drive.name, drive.vehicle, "", outcome, file=drive.arguments[0])
             outcomes.append(_with_facts(outcome, place))
             if progress is not None:
@@ -279,7 +279,7 @@ def _places(folder: Path, without: Path | None, left: list[Finding]) -> Iterator
         seen.add(real)
         names = sorted(each for each in files if not each.startswith(".") and Path(each).suffix.lower() not in NO_DATA)
         data = [here / each for each in names]
-        inner = any(_whole(here / each) for each in folders)  # formats examine subfolders of a folder
+        inner = any(_whole(here / each) for each in folders)  # a folder format also reads subfolders
         others = [here / each for each in unused(names)]
         parts = [(_named(each), _key(each)) for each in others]
         pair = any(("gps", key) in parts for part, key in parts if part == "imu")

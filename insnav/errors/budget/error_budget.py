@@ -87,10 +87,11 @@ def _states(
     states = np.empty((len(numbers), len(rows), 10))
     base = (motion.dt[:n], motion.rate[:n], motion.force[:n], inc.coning[:n], inc.sculling[:n])
     joint = np.array([source.sd * np.array(source.joint) for source in known]).reshape(len(known), STATES)
-    changes = None  # (n, 6) rates of change of the true samples; minus these times a clock delay is its effect
+    changes = None  # (n, 6) rates of change of the true samples; a clock delay adds minus delay times rate
     if spec.clock.offset or spec.clock.drift:
         samples, middle = np.concatenate([motion.rate, motion.force], axis=1), motion.elapsed - 0.5 * motion.dt
         changes = np.asarray(np.gradient(samples, middle, axis=0)[:n])
+    # IMU errors that the kernel does not sample
     more_errors = changes is not None or any(
         np.any(getattr(getattr(spec, term.sensor), term.key))
         for term in TERMS
@@ -189,14 +190,12 @@ class Column:
 class SimulatedColumn:
     """Errors of free-inertial Monte Carlo runs."""
 
-    # number of runs with all errors, number of runs with each family alone, random seed
-    runs: int
-    alone: int
-    seed: int
+    runs: int  # number of runs with all errors
+    alone: int  # number of runs with each family alone
+    seed: int  # random seed
     parts: FloatArray  # (m, f, 9) RMS error of the runs with one family of sources alone, in the units of `Column`
     total: FloatArray  # (m, 9) RMS error of the runs with all errors together
-    # (m,) mean normalised squared error over the runs and states: one if the covariance is true
-    nees: FloatArray
+    nees: FloatArray  # (m,) mean normalised squared error over the runs and states: one if the covariance is true
 
     @property
     def band(self) -> tuple[float, float]:
@@ -210,12 +209,11 @@ class SimulatedColumn:
 class RecordedColumn:
     """Errors of the windows of a recorded drive."""
 
-    time: FloatArray  # (k,) since the start of a window [s]
+    time: FloatArray  # (k,) time since the start of a window [s]
     # (k, 4) RMS error North, East, Down, horizontal, reference variance subtracted [m]; ``NaN`` below its noise
     corrected: FloatArray
-    # (k, 4) 95 % confidence interval; ``NaN`` with too few windows
-    low: FloatArray
-    high: FloatArray
+    low: FloatArray  # (k, 4) lower limit of the 95 % confidence interval [m]; ``NaN`` with too few windows
+    high: FloatArray  # (k, 4) upper limit [m]
     predicted: FloatArray  # (k, 4) predicted standard deviation [m]
     windows: int  # number of windows
     description: str  # description of the windows and of the reference
@@ -231,18 +229,15 @@ class Budget:
     chosen: IntArray  # (k,) indices of the times in the tables
     families: tuple[str, ...]  # families of nonzero sources, such as ``gyro bias``
     sources: tuple[Source, ...]  # all sources, including zero ones
-    # standard deviations by closed laws, and by the linear model along the motion
-    analytic: Column
-    covariance: Column
+    analytic: Column  # standard deviations by closed laws
+    covariance: Column  # standard deviations by the linear model along the motion
     # (m, 4) largest error North, East, Down, horizontal with all sources within one sd, by the linear model [m]
     worst: FloatArray
-    hold: bool  # the vertical channel was constrained to the reference height
-    # gravity [m/s^2] and Schuler rate [rad/s] at the start of the motion
-    gravity: float
-    schuler_rate: float
-    # absent keys of the IMU file, taken as zero; errors of the file that the budget does not include
-    absent: tuple[str, ...]
-    ignored: tuple[str, ...]
+    hold: bool  # True if the vertical channel was constrained to the reference height
+    gravity: float  # gravity at the start of the motion [m/s^2]
+    schuler_rate: float  # Schuler rate at the start of the motion [rad/s]
+    absent: tuple[str, ...]  # absent keys of the IMU file, taken as zero
+    ignored: tuple[str, ...]  # errors of the IMU file that the budget does not include
     simulated: SimulatedColumn | None = None
     recorded: RecordedColumn | None = None
     flicker_lowest: float = math.nan  # lowest frequency of the flicker noise [Hz]; NaN without

@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-import scipy  # its parts are loaded on first use
+import scipy  # scipy loads its subpackages on first use
 
 from insnav.attitude import quat_from_rotvec, quat_from_rph, quat_multiply, rph_from_quat
 from insnav.earth import lla_offset
@@ -50,12 +50,11 @@ MINUTE = 60.0  # [s]
 class Replicas:
     """Window errors of several replicas, their prediction band, and the recorded window errors."""
 
-    times: FloatArray  # (k,) [s]
+    times: FloatArray  # (k,) times of the tables [s]
     # (s, k, 6) RMS error of each replica, reference errors included, `insnav.errors.outage.gnss_outage.COMPONENTS` [m]
     rms: FloatArray
-    # (k, 6) 95 % prediction band of a further replica, joint over three axes [m]
-    low: FloatArray
-    high: FloatArray
+    low: FloatArray  # (k, 6) lower limit of a 95 % prediction band of a further replica, joint over three axes [m]
+    high: FloatArray  # (k, 6) upper limit [m]
     recorded: FloatArray  # (k, 6) RMS error of the recorded windows, reference errors included [m]
     reference: FloatArray  # (k, 6) RMS standard deviation of the reference [m]
     apart: Residual  # distance between the motion of the replica and the recorded track
@@ -84,13 +83,12 @@ class ReplicaTask:
 
     ready: FilterInput  # the recorded drive with error-free IMU samples
     spec: ImuSpec
-    truth: LevelTruth  # the motion
+    truth: LevelTruth  # motion of the drive
     fixes: GpsData  # error-free fixes at the recorded epochs, with the reported standard deviations
     reference: WindowReference  # error-free reference
     starts: FloatArray  # (n,) start times of windows [s]
-    # length of the windows, and interval between their starts [s]
-    length: float
-    spacing: float
+    length: float  # length of the windows [s]
+    spacing: float  # interval between the starts of windows [s]
     kinds: tuple[bool, ...]  # for each kind of window: True if uncalibrated
     times: FloatArray  # (k,) times of the tables [s]
 
@@ -234,6 +232,7 @@ def _started(initial: InitialState, truth: Truth, sensors: ImuSimulation, rng: n
             np.diag(errors.accel_matrix) - 1.0,
         ]
     )
+    # navigation errors conditional on the sensor errors: mean by the gain, and remaining covariance
     gain = covariance[:9, 9:] @ np.linalg.pinv(covariance[9:, 9:], rcond=1e-12, hermitian=True)
     conditional = covariance[:9, :9] - gain @ covariance[9:, :9]
     value, vector = np.linalg.eigh(0.5 * (conditional + conditional.T))
@@ -254,7 +253,7 @@ def _started(initial: InitialState, truth: Truth, sensors: ImuSimulation, rng: n
 class WindowSettings:
     """Settings of the windows."""
 
-    length: float = MINUTE  # of the windows [s]
+    length: float = MINUTE  # length of the windows [s]
     # time from the start of navigation to the first window [s]; None: a minute, or less in a short drive
     first: float | None = None
     spacing: float | None = None  # interval between starts [s]; None: about sixty windows
@@ -274,9 +273,9 @@ class Verdict:
     recorded: float
     low: float
     high: float
-    predicted: float  # [m]
-    explained: bool  # not significantly larger than predicted
-    cautious: bool  # significantly smaller than predicted
+    predicted: float  # predicted RMS error [m]
+    explained: bool  # True if the recorded error is not significantly larger than predicted
+    cautious: bool  # True if the recorded error is significantly smaller than predicted
 
 
 @dataclass(frozen=True, slots=True)
@@ -284,15 +283,15 @@ class RecordedPart:
     """Results of windows of one kind, calibrated or uncalibrated."""
 
     windows: Windows
-    growth: Growth  # at the times of the tables
-    curve: Growth  # at every time
+    growth: Growth  # error growth at the times of the tables
+    curve: Growth  # error growth at all times of the windows
     # `growth` of windows ``static``, ``straight``, ``turning``; None without such windows
     motions: dict[str, Growth | None]
     diagnosis: Diagnosis
     sensors: SensorFit
     regression: Regression
     replicas: Replicas | None
-    verdicts: tuple[Verdict, ...]  # North, East, Down, horizontal at the end
+    verdicts: tuple[Verdict, ...]  # for North, East, Down, horizontal, at the end of the windows
 
 
 @dataclass(frozen=True, slots=True)
@@ -301,12 +300,12 @@ class RecordedBudget:
 
     settings: WindowSettings
     reference: str  # description of the reference
-    duration: float  # of the navigated drive [s]
+    duration: float  # duration of the navigated drive [s]
     calibrated: RecordedPart  # windows corrected by the filter's estimates of sensor errors
     uncalibrated: RecordedPart | None  # windows without these corrections
     spec: ImuSpec  # specification of the IMU
-    track: Trajectory  # the smoothed drive
-    notes: tuple[Finding, ...]  # of the drive and of the windows
+    track: Trajectory  # smoothed trajectory of the drive
+    notes: tuple[Finding, ...]  # findings about the drive and the windows
 
     @property
     def shown(self) -> RecordedPart:
@@ -411,7 +410,7 @@ def verdicts(found: Growth, *, one_sensor: bool = False) -> tuple[Verdict, ...]:
     for name in ("north", "east", "down", "horizontal"):
         i = found.column(name)
         rms, low, high, predicted = (float(v[-1, i]) for v in (found.corrected, found.low, found.high, found.predicted))
-        # an error below the noise of the reference is not larger than predicted
+        # an error below the noise of the reference counts as zero, so it is not larger than predicted
         recorded = 0.0 if found.below_noise[-1, i] else rms
         common = float(np.nan_to_num(found.common[-1, i]))
         samples = 1.0 / (common**2 + (1.0 - common) ** 2 / max(found.effective, 1.0))

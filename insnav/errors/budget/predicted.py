@@ -57,7 +57,7 @@ class Steps:
 
     state: FloatArray  # (m, 10) in the middle of each step; see `insnav.kernels.mechanization`
     force_n: FloatArray  # (m, 3) mean specific force North, East, Down [m/s^2]
-    dt: FloatArray  # (m,) [s]
+    dt: FloatArray  # (m,) length of each step [s]
     edges: IntArray  # (m + 1,) index of the first sample of each step, and of the end
 
 
@@ -121,13 +121,13 @@ def _sensed(source: Source, motion: SampledMotion) -> tuple[FloatArray | None, F
         return -(sensors[0] + sensors[2] * motion.rate), -(sensors[1] + sensors[3] * motion.force)
     since = motion.elapsed - 0.5 * motion.dt
     if source.group == "timing":
-        # the output lags by a delay of one, or of the elapsed time: its error is minus delay times rate of change
+        # the output lags by a unit delay, or by the elapsed time: its error is minus delay times rate of change
         delay = np.ones_like(since) if source.term == "offset" else since
         middle = since + motion.truth.time[0]
         rate, force = (-delay[:, None] * np.gradient(value, middle, axis=0) for value in (motion.rate, motion.force))
         return rate, force
     term, (sensitive, driving) = source.error_term, source.element
-    assert term.drive is not None  # a budget term
+    assert term.drive is not None  # true for every term in a budget
     error = np.zeros((len(motion.dt), 3))
     error[:, sensitive] = term.drive(motion.rate, motion.force, since[:, None])[:, driving]
     return (error, None) if source.group == "gyro" else (None, error)
@@ -148,7 +148,7 @@ def covariance(sources: tuple[Source, ...], motion: SampledMotion, rows: IntArra
     nonzero = [i for i, source in enumerate(sources) if source.sd > 0.0]
     constant = [i for i in nonzero if sources[i].kind in _CONSTANT]
     noisy = [i for i in nonzero if sources[i].kind not in _CONSTANT]
-    if constant:
+    if constant:  # one propagated vector per source
         initial, given = np.zeros((len(constant), 9)), np.zeros((len(steps.dt), len(constant), 9))
         for k, i in enumerate(constant):
             source = sources[i]
@@ -159,7 +159,7 @@ def covariance(sources: tuple[Source, ...], motion: SampledMotion, rows: IntArra
         response = np.empty((len(rows), len(constant), 9))
         _kernel.sensitivities(steps.state, steps.force_n, steps.dt, given, initial, hold, at, response)
         parts[:, constant] = response[..., :, None] * response[..., None, :]
-    if noisy:
+    if noisy:  # one propagated covariance per process; the sources of one axis share the input
         units = list(dict.fromkeys(unit_of(sources[i]) for i in noisy))
         given = np.stack([integrated(disturbance(each, motion), motion, steps) for each in units], axis=1)
         owner, numbers = zip(*((i, process) for i in noisy for process in processes(sources[i], motion)), strict=True)
@@ -292,8 +292,8 @@ def schuler(kind: Process, order: int, time: ArrayLike, rate: float) -> FloatArr
     The loop ``dv' = -g phi + B``, ``phi' = dv / R - eps`` multiplies the short form of a constant by a factor of
     x = w_s t. For n = 0 to 4 it is ``cos x``, ``sin x / x``, ``2 (1 - cos x) / x^2``, ``6 (x - sin x) / x^3`` and
     ``24 (x^2 / 2 - 1 + cos x) / x^4``. Sources up to n = 3: Groves (2013), section 5.7; Titterton and Weston (2004),
-    chapter 12. White noise sums squared pulse responses:
-    the integral of the squared response of one order less.
+    chapter 12. For white noise, the squared response of one order
+    less is integrated.
     """
     x = rate * np.asarray(time, dtype=np.float64)
     if kind in ("ramp", "random walk"):

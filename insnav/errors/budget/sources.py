@@ -31,7 +31,7 @@ HIGHEST = 1e5  # limit of the search for the height with a given gravity [m]
 Group = Literal["initial", "gyro", "accel", "gravity", "timing"]
 
 BODY, LOCAL = ("x", "y", "z"), ("north", "east", "down")
-STATES = 21  # position, velocity, attitude, gyro bias, accelerometer bias, both scale factors
+STATES = 21  # number of filter states: position, velocity, attitude, gyro bias, accelerometer bias, both scale factors
 # group, term, axes and first filter state of the errors, in the order of their factorisation by `start_sources`
 _NAMES: tuple[tuple[Group, str, tuple[str, ...], int], ...] = (
     ("accel", "bias", BODY, 12),
@@ -50,15 +50,13 @@ _NOTHING = 1e-9  # a smaller share of a variance, conditional on the previous st
 class SampledMotion:
     """Section of an exact motion, divided into n sample intervals."""
 
-    truth: Trajectory  # at the n + 1 ends of the samples
+    truth: Trajectory  # true states at the n + 1 ends of the samples
     dt: FloatArray  # (n,) length of each sample [s]
-    # (n, 3) latitude, longitude [rad], height [m] and velocity North, East, Down [m/s] in the middle of each sample
-    lla: FloatArray
-    v_n: FloatArray
+    lla: FloatArray  # (n, 3) latitude, longitude [rad], height [m] in the middle of each sample
+    v_n: FloatArray  # (n, 3) velocity North, East, Down in the middle of each sample [m/s]
     C_nb: FloatArray  # (n, 3, 3) attitude in the middle of each sample
-    # (n, 3) mean angular rate [rad/s] and specific force [m/s^2] of each sample, body axes
-    rate: FloatArray
-    force: FloatArray
+    rate: FloatArray  # (n, 3) mean angular rate of each sample, body axes [rad/s]
+    force: FloatArray  # (n, 3) mean specific force of each sample, body axes [m/s^2]
     increments: Increments  # input of the mechanization, with coning and sculling
     description: str = ""  # description of the motion
 
@@ -143,7 +141,7 @@ class Source:
     # standard deviation, or root power spectral density of white noise or of a random walk's driving noise, or
     # coefficient of flicker noise. SI, radians.
     sd: float
-    correlation_time: float = math.inf  # of a Gauss-Markov process [s]
+    correlation_time: float = math.inf  # correlation time of a Gauss-Markov process [s]
     # for correlated errors: errors of the 21 filter states per unit of this source; see `start_sources`
     joint: tuple[float, ...] = ()
 

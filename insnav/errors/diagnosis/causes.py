@@ -35,7 +35,7 @@ from insnav.types import FloatArray
 
 TERMS = ("t", "t²", "t³")
 FITS = 0.95  # a curve fits if its misfit is below this quantile of true curves
-_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(5)  # exact for the polynomials of the kernels
+_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(5)  # Gauss-Legendre: exact for the noise polynomials
 _EVERY = 5.0  # interval of the window's points in the fit [s]
 _DIFFERENT = 0.8  # norm of the mean forward unit vector, below which headings differ [-]
 CAUSES = ("velocity", "acceleration", "drift")
@@ -49,7 +49,7 @@ class Curve:
     # (3,) velocity [m/s], acceleration [m/s^2], jerk [m/s^3], fitted jointly; with fewer than three observations only
     # the fewest terms that fit, with zero for all others
     value: FloatArray
-    covariance: FloatArray  # (3, 3) from noise and reference; infinite where not observable
+    covariance: FloatArray  # (3, 3) covariance of `value`; infinite where not observable
     terms: tuple[str, ...]  # the fewest of `TERMS` that fit
     # reduced chi-square of the fit of all three terms [-]: about 1 if these terms and the covariance are correct;
     # ``NaN`` without degrees of freedom
@@ -157,8 +157,8 @@ class EndAxis:
     """Errors of one horizontal axis at the end of a run."""
 
     axis: str  # ``north`` or ``east``
-    position: float  # error [m]
-    velocity: float  # error [m/s]
+    position: float  # position error [m]
+    velocity: float  # velocity error [m/s]
     power: float  # exponent n of a growth with t^n, from ``v t / p``; NaN without a position error
     # (3,) initial velocity [m/s], acceleration [m/s^2], jerk [m/s^3], each as the only cause; and their sd
     alone: FloatArray
@@ -216,12 +216,10 @@ def end_of_run(found: EvaluatedRun) -> tuple[float, FloatArray, FloatArray]:
 class SensorFit:
     """Constant sensor errors, body axes, that were not corrected in the windows."""
 
-    # (3,) accelerometer bias [m/s^2]
-    accel: FloatArray
-    accel_sd: FloatArray
-    # (3,) gyro bias [rad/s]
-    gyro: FloatArray
-    gyro_sd: FloatArray
+    accel: FloatArray  # (3,) accelerometer bias [m/s^2]
+    accel_sd: FloatArray  # (3,) its standard deviation [m/s^2]
+    gyro: FloatArray  # (3,) gyro bias [rad/s]
+    gyro_sd: FloatArray  # (3,) its standard deviation [rad/s]
     spread: float  # chi-square over its expectation [-]; if above one, it increases the variances by this factor
     # True if headings differ enough to separate the bias of level accelerometers from a tilt common to all starts
     level_observable: bool
@@ -246,7 +244,7 @@ def fit_sensors(windows: Windows, model: ErrorModel) -> SensorFit:
         bias, start = bias[:, rows], start[:, rows]
         observed = np.concatenate([windows.error[i, rows, :3].T.ravel(), windows.error[i, rows, 3:].T.ravel()])
         known = np.isfinite(observed)
-        # rows: all North, East, Down, then the velocities
+        # rows: positions North, East, Down at all epochs, then velocities
         design, by_start = (equations.reshape(-1, equations.shape[-1])[known] for equations in (bias, start))
         noise = _noise(windows, i, rows, model)[np.ix_(known, known)]
         noise += by_start @ windows.start_covariance[i, :9, :9] @ by_start.T
@@ -262,7 +260,7 @@ def fit_sensors(windows: Windows, model: ErrorModel) -> SensorFit:
     estimate = inverse @ right
     misfit -= float(right @ estimate)
     spread_ratio = misfit / max(points - 6, 1)
-    # overlapping windows share data
+    # overlapping windows share data, so the variance of the fit grows by this factor
     repeated = windows.count / effective_count(windows.start, windows.length)
     # model errors, such as misalignment in turns, are common within a window: the scatter between windows reveals them
     # (Liang and Zeger, Biometrika 73 (1986) 13-22, with the windows as clusters)
@@ -350,8 +348,8 @@ class AxisDiagnosis:
     """Diagnosis of one axis."""
 
     axis: str  # ``north`` or ``east``
-    causes: tuple[Cause, ...]  # velocity, acceleration, drift
-    curves: tuple[Curve, ...]  # one per window
+    causes: tuple[Cause, ...]  # causes velocity, acceleration, drift
+    curves: tuple[Curve, ...]  # growth curves, one per window
     terms: dict[str, int]  # number of windows by their required terms
     leading: int  # index of the largest contribution in `CAUSES`
 
@@ -360,7 +358,7 @@ class AxisDiagnosis:
 class Diagnosis:
     """Diagnosis of both axes."""
 
-    axes: tuple[AxisDiagnosis, ...]  # North, then East
+    axes: tuple[AxisDiagnosis, ...]  # diagnosis of North, then of East
     gravity: float  # converts acceleration to tilt and jerk to drift [m/s^2]
     windows: Windows  # the windows used, in the order of the curves
     rough: int  # number of windows whose error follows no curve, as reference or sensors jump
@@ -412,7 +410,7 @@ def _axis(
     stated = np.sqrt(np.einsum("nii->ni", predicted))
     count = effective_count(windows.start, windows.length)
     contribution = np.mean((value * position_terms(windows.elapsed[:, -1])) ** 2, axis=0)
-    units = np.array([1.0, 1.0, 1.0 / gravity])  # from jerk to drift
+    units = np.array([1.0, 1.0, 1.0 / gravity])  # a jerk over gravity is a gyro drift
     samples = 1.0 if windows.uncalibrated else max(count, 1.0)  # turn-on errors are common to all windows
     limit = float(chi_square(samples, 0.5 + 0.5 * CONFIDENCE) / samples)
     causes = []

@@ -46,23 +46,21 @@ TURNED = np.deg2rad(15.0)  # largest heading change of a straight window [rad]
 REFERENCE_GAP = 10.0  # a reference interval longer than this and than three median intervals is a gap [s]
 IMU_GAP = 6  # successive lost samples that make a gap of the IMU record
 _UNDER_WAY = 1.0  # least speed for a course from the velocity; at lower speed the course is interpolated [m/s]
-_SHARED = ("length", "spacing", "grid", "dropped", "uncalibrated")  # common fields of all `Windows`
+_SHARED = ("length", "spacing", "grid", "dropped", "uncalibrated")  # fields of `Windows` with one value for all windows
 
 
 @dataclass(frozen=True, slots=True)
 class Outage:
     """Window without fixes, compared with the fixes (or the epochs of a reference) in it."""
 
-    # time of the last fix before the window, and length of the window [s]
-    start: float
-    length: float
+    start: float  # time of the last fix before the window [s]
+    length: float  # length of the window [s]
     elapsed: FloatArray  # (k,) time since `start` [s]
     # (k, 6) error of position North, East, Down [m] and velocity [m/s] of the filter; ``NaN`` without a value
     error: FloatArray
-    # (k, 6) stated standard deviation of the filter
-    sd: FloatArray
-    smoothed: FloatArray  # (k, 6) smoothed error
-    smoothed_sd: FloatArray  # (k, 6)
+    sd: FloatArray  # (k, 6) stated standard deviation of the filter
+    smoothed: FloatArray  # (k, 6) error of the smoother
+    smoothed_sd: FloatArray  # (k, 6) stated standard deviation of the smoother
     reference_sd: FloatArray  # (k, 6) standard deviation of the fix or reference
     heading: FloatArray  # (k,) heading of the filter minus smoothed heading with all fixes [rad]
     heading_sd: FloatArray  # (k,) standard deviation of the filter's heading [rad]
@@ -122,7 +120,7 @@ class NavigatedDrive:
 
     ready: FilterInput
     run: Run
-    states: tuple[FilterState, ...]  # in order of time
+    states: tuple[FilterState, ...]  # filter states at the starts, in order of time
     clock: float  # time of the run minus sample time [s]
 
 
@@ -223,7 +221,7 @@ def growth_by_start_error(q_nb: FloatArray, lla: FloatArray) -> FloatArray:
 
 
 _AT_IMU = np.zeros(3)
-_LEAST_SD = 1e-4  # lower limits of the sd [m], [m/s]
+_LEAST_SD = 1e-4  # lower limit of a reference sd [m], [m/s]
 _WHOLE = 0.98  # least share of the record that a stationary reference must span
 
 
@@ -235,7 +233,7 @@ class WindowReference:
     name: str  # description, such as "the drive's own GPS fixes"
     # (3,) point of the positions, seen from the IMU, body axes [m]; None for the antenna of the drive
     lever_b: FloatArray | None = None
-    own_fixes: bool = False  # the reference is the drive's own fixes
+    own_fixes: bool = False  # True if the reference is the drive's own fixes
 
 
 def reference_from_fixes(ready: FilterInput) -> WindowReference:
@@ -289,14 +287,12 @@ def is_stationary(reference: Trajectory, begin: float, end: float) -> bool:
 class Windows:
     """Set of n windows of one length, compared at k times since their start."""
 
-    # length of each window, and requested interval between starts [s]
-    length: float
-    spacing: float
+    length: float  # length of each window [s]
+    spacing: float  # requested interval between starts [s]
     start: FloatArray  # (n,) timestamp of the last fix used [s]
     grid: FloatArray  # (k,) nominal times since the start [s]
     elapsed: FloatArray  # (n, k) time from the start to the reference epoch nearest to each grid time [s]
-    # (n, k, 6) error of position North, East, Down [m] and velocity [m/s]; ``NaN`` without reference
-    error: FloatArray
+    error: FloatArray  # (n, k, 6) error of position North, East, Down [m], velocity [m/s]; ``NaN`` without reference
     covariance: FloatArray  # (n, k, 6, 6) predicted covariance of position and velocity
     reference_sd: FloatArray  # (n, k, 6) standard deviation of the reference
     course: FloatArray  # (n, k) direction of travel [rad]; ``NaN`` in stationary windows
@@ -306,7 +302,7 @@ class Windows:
     start_covariance: FloatArray  # (n, 21, 21) covariance of the filter errors at the start
     motion: np.ndarray  # (n,) ``static``, ``straight`` or ``turning``
     dropped: dict[str, int]  # number of excluded windows by reason
-    uncalibrated: bool  # the filter's estimates of sensor errors were not corrected
+    uncalibrated: bool  # True if the filter's estimates of sensor errors were not corrected
 
     @property
     def count(self) -> int:

@@ -46,7 +46,7 @@ _SHARED = 0.25  # least reported share of the mean square common to all windows 
 class Growth:
     """Error statistics of windows of one length at some times since their start, in SI units and radians."""
 
-    times: FloatArray  # (k,) [s]
+    times: FloatArray  # (k,) times since the start of a window [s]
     components: tuple[str, ...]  # names of the columns: `COMPONENTS` or `OUTAGE_COMPONENTS`
     count: int  # number of windows
     known: IntArray  # (k, q) number of windows with known error
@@ -59,9 +59,8 @@ class Growth:
     # too small effective sample size, zero where the interval reaches below the reference noise
     low: FloatArray
     high: FloatArray
-    # (k, q) 95 % quantile and maximum of the absolute error, including reference errors
-    p95: FloatArray
-    largest: FloatArray
+    p95: FloatArray  # (k, q) 95 % quantile of the absolute error, including reference errors
+    largest: FloatArray  # (k, q) maximum of the absolute error, including reference errors
     predicted: FloatArray  # (k, q) RMS predicted standard deviation
     # (k, q) share of errors within 3 sd of prediction plus reference [-]; for several axes their mean
     inside: FloatArray
@@ -219,6 +218,7 @@ def _summed(
     # degrees of freedom of a squared error, below the number of axes if one dominates (Satterthwaite 1946)
     per_axis = [means(each**2, once)[0] for each in error]
     axes = np.stack([each.sum(axis=-1) ** 2 / np.maximum((each**2).sum(axis=-1), 1e-300) for each in per_axis], -1)
+    # share of the mean square that the mean error explains beyond chance: an error common to all windows
     common_square = [(means(each, once)[0] ** 2).sum(axis=-1) for each in error]
     if "along" in names:
         at = [names.index(each) for each in ("horizontal", "along", "cross")]
@@ -402,7 +402,7 @@ def _fixes(gps: GpsData, reference: GpsData | None, start: float, stop: float, e
 class OutageStudy:
     """Outage windows, and the run with all fixes."""
 
-    windows: tuple[Outage, ...]  # in order of length, then of time
+    windows: tuple[Outage, ...]  # outages in order of length, then of time
     growth: tuple[Growth, ...]  # error statistics of the windows of each length
     reference: str  # description of the reference
     run: EvaluatedRun | None = None  # None if read from a folder
@@ -426,19 +426,17 @@ class OutageEpochs(Tabular):
         "speed": ("speed_m_s",),
     }
 
-    start: FloatArray  # (m,) [s]
-    length: FloatArray  # (m,) [s]
-    elapsed: FloatArray  # (m,) [s]
-    # (m, 6) [m], [m/s]
-    error: FloatArray
-    sd: FloatArray
-    smoothed: FloatArray
-    smoothed_sd: FloatArray
-    reference_sd: FloatArray
-    # (m,) [rad]
-    heading: FloatArray
-    heading_sd: FloatArray
-    speed: FloatArray  # (m,) [m/s]
+    start: FloatArray  # (m,) start of the window [s]
+    length: FloatArray  # (m,) length of the window [s]
+    elapsed: FloatArray  # (m,) time since the start [s]
+    error: FloatArray  # (m, 6) error of the filter: position [m], velocity [m/s]
+    sd: FloatArray  # (m, 6) sd of the filter [m], [m/s]
+    smoothed: FloatArray  # (m, 6) error of the smoother [m], [m/s]
+    smoothed_sd: FloatArray  # (m, 6) sd of the smoother [m], [m/s]
+    reference_sd: FloatArray  # (m, 6) sd of the reference [m], [m/s]
+    heading: FloatArray  # (m,) heading error [rad]
+    heading_sd: FloatArray  # (m,) sd of the heading [rad]
+    speed: FloatArray  # (m,) mean speed in the window [m/s]
 
     @classmethod
     def of(cls, windows: Sequence[Outage]) -> OutageEpochs:

@@ -149,9 +149,8 @@ class Share:
     # one standard deviation in the set, SI; of the largest axis for a given IMU
     size: float
     part: float  # share of the variance of the set
-    given: bool  # given by the IMU
-    # limited by the linear model: the family has little effect on this motion
-    capped: bool
+    given: bool  # True if the IMU specifies this family
+    capped: bool  # True if the linear model limits the size, as the family has little effect on this motion
 
 
 @dataclass(frozen=True, slots=True)

@@ -59,9 +59,9 @@ _CONSIDERED = np.setdiff1d(np.arange(CONSIDERED, SENSED), _AS_BIAS)
 # assumed standard deviations of GPS before the outage, of the initial state and of other aiding
 POSITION_SD, VELOCITY_SD = 0.02, 0.03  # horizontal sd of fixes [m], [m/s]
 START_TILT, START_HEADING = 1.0 * DEG, 10.0 * DEG
-NHC_SD, ODOMETER_SD, ZUPT_SD, BAROMETER_SD = 0.05, 0.1, 0.02, 0.3  # [m/s], [m/s], [m/s], [m]
+NHC_SD, ODOMETER_SD, ZUPT_SD, BAROMETER_SD = 0.05, 0.1, 0.02, 0.3  # sd of aiding: [m/s], [m/s], [m/s], [m]
 HEADING_SD = 0.2 * DEG  # sd of the heading of two antennas
-_MOUNTING_SD, _ODOMETER_SCALE_SD, _BAROMETER_DRIFT = 1.0 * DEG, 0.02, 0.02  # [rad], [-], [m/sqrt(s)]
+_MOUNTING_SD, _ODOMETER_SCALE_SD, _BAROMETER_DRIFT = 1.0 * DEG, 0.02, 0.02  # sd [rad], sd [-], [m/sqrt(s)]
 _MOVING, _STANDING = 2.0, 0.01  # speed above which travel has a direction; speed of a stationary vehicle [m/s]
 # groups of initial states
 GROUPS: dict[str, list[int]] = {
@@ -78,12 +78,12 @@ GROUPS: dict[str, list[int]] = {
     "g-sensitivity": list(range(39, 48)),
 }
 _RIDGE = 1e-10  # added to the diagonal of correlations: permits zero and linearly dependent errors
-NOISE = "noise of the outage"  # name of its share of the variance
+NOISE = "noise of the outage"  # name of the variance share of noise after GPS ends
 Answer = Literal["yes", "likely", "open", "no"]
 LIMITS = (1.0, 10.0, 100.0)  # error limits whose times are reported [m]
 # errors after a calibration, one standard deviation: assumptions for good benches
-RATE_TABLE = {"scale_factor": 50.0 * PPM, "misalignment": 0.1e-3}  # of gyros
-NINE_POSITION = {"bias": 100.0 * UG, "scale_factor": 50.0 * PPM, "misalignment": 0.1e-3}  # of accelerometers
+RATE_TABLE = {"scale_factor": 50.0 * PPM, "misalignment": 0.1e-3}  # gyro errors
+NINE_POSITION = {"bias": 100.0 * UG, "scale_factor": 50.0 * PPM, "misalignment": 0.1e-3}  # accelerometer errors
 STOPS = 10.0  # interval between stops with zero-velocity update [s]
 SHORT, LONG = 60.0, 300.0  # duration of GPS before the outage [s]
 LARGER = 1.25  # a set with all errors larger by this factor must fail the requirement
@@ -402,7 +402,7 @@ def _reaches(time: FloatArray, curve: FloatArray, limit: float) -> float:
 class Remedy:
     """Remedy, and the error with it."""
 
-    name: str
+    name: str  # name of the remedy
     error: float  # error at the time and probability of the requirement [m]
     ratio: float  # relative to the error of the unchanged IMU
 
@@ -548,15 +548,15 @@ class RequirementStudy:
     hold: bool  # the vertical channel was constrained to the reference height
     verified: tuple[Verified, ...] = ()  # the set, and a larger one, simulated
     begins: tuple[int, ...] = ()  # end of GPS in the following outages, whose mean is shown [s]
-    time: FloatArray = field(default_factory=lambda: np.zeros(0))  # (m,) of the curves of the candidates [s]
-    candidates: tuple[Candidate, ...] = ()  # real IMUs, the best first; empty for too long outages
-    # IMU of the following fields: the given one, else the best that fails the requirement alone. Then its remedies
+    time: FloatArray = field(default_factory=lambda: np.zeros(0))  # (m,) times of the candidates' curves [s]
+    candidates: tuple[Candidate, ...] = ()  # real IMUs, the best first; empty if the outage is too long
+    # IMU of `remedies`, `elasticities` and `shares`: the given IMU, else the best one that fails the requirement alone
     example: str = ""
     remedies: tuple[Remedy, ...] = ()
     elasticities: tuple[Elasticity, ...] = ()
-    shares: Mapping[str, float] = field(default_factory=dict)  # of initial errors, and of later noise
+    shares: Mapping[str, float] = field(default_factory=dict)  # variance shares of initial errors and later noise
 
 
 TYPICAL = 1.6  # geometric mean of recorded over predicted error
-SPAN = (0.53, 4.9)  # 95 % of further tests
+SPAN = (0.53, 4.9)  # interval of this ratio in 95 % of further tests
 FIELD_FACTOR = Finding.of(Code.REQUIREMENT_FIELD_FACTOR, factor=TYPICAL, low=SPAN[0], high=SPAN[1])
