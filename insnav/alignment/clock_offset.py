@@ -179,7 +179,7 @@ def _at_rest(parts: Intervals, track: _Track) -> float:
 
 
 def _moves(track: _Track, starts: FloatArray) -> bool:
-    """Return whether the mean velocity of the fixes changes faster than `MOVED` in a tenth of the time."""
+    """Return whether the mean acceleration of the fixes exceeds `MOVED` in a tenth of the time."""
     v = track.change
     path = np.vstack([[0.0, 0.0], np.cumsum(0.5 * (v[1:] + v[:-1]) * np.diff(track.time)[:, None], axis=0)])
     at = [np.column_stack([np.interp(each, track.time, axis) for axis in path.T]) for each in (starts, starts + MEAN)]
@@ -288,6 +288,7 @@ def _compared(
         correlation, count = correlate_masked(x, mx, y, my)
         enough = count * STEP >= max(SHORTEST, SHARE * STEP * min(mx.sum(), my.sum()))
         r = np.where(enough, np.clip(correlation, -0.999, 0.999), 0.0)
+        # log-likelihood of a correlation r of n independent values: -n / 2 log(1 - r^2)
         score -= 0.5 * (count * STEP / max(MEMORY, span)) * np.log1p(-(r**2))
         alike[i], common[i] = r, count * STEP
     best = int(np.argmax(score))
@@ -357,32 +358,33 @@ def _refined(imu: _Track, gps: _Track, lag: float, span: float) -> ClockOffset |
     known = np.array([_covered(gps, flags, ends) for flags in (gps.turns, gps.known)])
 
     def residuals(offset: float) -> tuple[FloatArray, FloatArray, FloatArray]:
-        at = [each - offset for each in ends]
-        inside = (at[0] > imu.time[0]) & (at[1] < imu.time[-1])
-        felt = _over(imu, at) / length
-        use = known & inside & np.array([_covered(imu, imu.known, (at[0], at[1]))] * 2)
+        shifted = [each - offset for each in ends]
+        inside = (shifted[0] > imu.time[0]) & (shifted[1] < imu.time[-1])
+        sensed = _over(imu, shifted) / length
+        use = known & inside & np.array([_covered(imu, imu.known, (shifted[0], shifted[1]))] * 2)
         left, weight, r = np.zeros_like(seen), np.zeros(2), np.zeros(2)
         for i in range(2):
             if np.count_nonzero(use[i]) < 10:
                 continue
             row = np.flatnonzero(use[i])
             for _ in range(2):  # the second time without false velocities
-                x, y = felt[i, row], seen[i, row]
+                x, y = sensed[i, row], seen[i, row]
                 x, y = x - x.mean(), y - y.mean()
                 power = float(np.sum(x**2))
                 if power == 0.0 or float(np.sum(y**2)) == 0.0:
                     break
                 r[i] = float(np.sum(x * y)) / np.sqrt(power * float(np.sum(y**2)))
                 fitted = float(np.sum(x * y)) / power * x
-                rest = y - fitted
-                left[i], weight[i] = 0.0, 1.0 / max(float(np.mean(rest**2)), 1e-12)
-                left[i, row] = rest
-                beyond = OUTSIDE * (1.4826 * float(np.median(np.abs(rest))) + 1e-9)
-                row = row[np.abs(rest) < max(beyond, float(np.sqrt(np.mean(fitted**2))))]
+                misfit = y - fitted
+                left[i], weight[i] = 0.0, 1.0 / max(float(np.mean(misfit**2)), 1e-12)
+                left[i, row] = misfit
+                limit = OUTSIDE * (1.4826 * float(np.median(np.abs(misfit))) + 1e-9)
+                row = row[np.abs(misfit) < max(limit, float(np.sqrt(np.mean(fitted**2))))]
                 if row.size < 10:
                     break
         return left, weight, r
 
+    # search on a grid around the lag, then Gauss-Newton
     offsets = np.arange(lag - MEMORY, lag + MEMORY, 0.05)
     likelihood = [_likelihood(left, r) for left, _, r in map(residuals, offsets)]
     at = float(offsets[int(np.argmax(likelihood))])

@@ -202,7 +202,7 @@ class Course:
 
 
 def first_motion(speed: Velocity, start: float) -> float | None:
-    """Find the first time of significant motion at all epochs, two or more, in the next `SURELY` seconds [s].
+    """Find the first time from which all epochs, at least two, show significant motion for `SURELY` seconds [s].
 
     A creeping vehicle must move for `SPAN`.
     """
@@ -268,6 +268,7 @@ def course_heading(
     drift = drift_sd * (time.mean() - track.time[0])
     course_sd = float(np.sqrt(speed.slip_sd**2 + 1.0 / weight.sum() + scatter**2 / min(use.sum(), 5) + drift**2))
 
+    # rotation from velocity changes by the accelerometers to the same changes by GPS
     window = (speed.time >= max(track.time[0], moving - SPAN)) & (speed.time <= time[-1])
     t, gps_v = speed.time[window], speed.v_n[window, :2]
     step = max(1, round(1.0 / max(float(np.median(np.diff(t))), 1e-3))) if t.size > 2 else 1

@@ -170,24 +170,25 @@ def find_mounting(parts: Intervals, gps: GpsData) -> Mounting | None:
         def refined(some: _Windows, gyros: FloatArray = AS_IS, *, mirrored: bool = False) -> Mounting:
             return _refined(some, gyros, np.append(gyros @ still, np.zeros(4)), sd, mirrored=mirrored)
 
-        found = refined(windows)
+        mounting = refined(windows)
         if windows.bends >= FEWEST:
+            # test every signed order of the gyro columns, also mirrored, in windows long enough to show tilts
             tilting = fixes.windows(sums, LONGEST_PLACED * WINDOW).tilting() or windows
             fits = [
-                _fit(tilting, felt, gyros, mirrored=mirrored)[0]
+                _fit(tilting, force, gyros, mirrored=mirrored)[0]
                 for gyros in (each for some in _SETS for _, each in some)
-                for felt in [_felt(tilting, np.append(gyros @ still, np.zeros(4)), gyros)]
+                for force in [_felt(tilting, np.append(gyros @ still, np.zeros(4)), gyros)]
                 for mirrored in (False, True)
             ]
-            given, likelier = refined(tilting), [each for each in fits if each.cost < fits[0].cost]
+            original, likelier = refined(tilting), [each for each in fits if each.cost < fits[0].cost]
             candidates = [refined(tilting, each.gyros, mirrored=each.mirrored) for each in likelier]
-            best = max(candidates, key=lambda each: each.odds(given), default=given)
-            if best.odds(given) > SURE and best.misfit < FITS:
-                found = refined(windows, best.gyros, mirrored=best.mirrored)
+            best = max(candidates, key=lambda each: each.odds(original), default=original)
+            if best.odds(original) > SURE and best.misfit < FITS:
+                mounting = refined(windows, best.gyros, mirrored=best.mirrored)
             else:
                 rates = parts.gyro / parts.dt[:, None]
-                found = _in_other_units(found, rates, lambda units: refined(windows, np.diag(units)))
-        return found if found.misfit < FITS and found.sd < SCATTER else None
+                mounting = _in_other_units(mounting, rates, lambda units: refined(windows, np.diag(units)))
+        return mounting if mounting.misfit < FITS and mounting.sd < SCATTER else None
 
     found = found_by(_Fixes.of(sums, gps, placed=False)) if gives_velocities(gps) else None
     return found or found_by(_Fixes.of(sums, positions_alone(gps), placed=True))
@@ -206,17 +207,17 @@ def _in_other_units(found: Mounting, rates: FloatArray, refined: Callable[[Float
         larger = units > 1.0
         return units.min() == 1.0 and not larger[up] and bool((fastest[larger] < HARDLY).all())
 
-    others = [units for units in OTHER_UNITS if float(np.max(fastest * units)) < FASTEST and (not fits or small(units))]
-    if not others:
+    trials = [units for units in OTHER_UNITS if float(np.max(fastest * units)) < FASTEST and (not fits or small(units))]
+    if not trials:
         return found
     # one common unit is preferred, as a gyro that hardly turns fits with any unit
-    fitted = [(refined(units), units) for units in others]
-    other, units = max(fitted, key=lambda each: each[0].gain(found) - RARE * np.unique(each[1]).size)
-    accepted = other.misfit < FITS and other.gain(found) > RARE
+    fitted = [(refined(units), units) for units in trials]
+    best, units = max(fitted, key=lambda each: each[0].gain(found) - RARE * np.unique(each[1]).size)
+    accepted = best.misfit < FITS and best.gain(found) > RARE
     if accepted and not fits:
         # the fit must be worse without the gyro of another unit, which may only have a temporary fault
-        accepted = bool(np.ptp(units)) and other.gain(refined(np.where(units == units.min(), 0.0, units))) > RARE
-    return other if accepted else found
+        accepted = bool(np.ptp(units)) and best.gain(refined(np.where(units == units.min(), 0.0, units))) > RARE
+    return best if accepted else found
 
 
 def _refined(windows: _Windows, gyros: FloatArray, start: FloatArray, sd: FloatArray, *, mirrored: bool) -> Mounting:
@@ -229,23 +230,23 @@ def _refined(windows: _Windows, gyros: FloatArray, start: FloatArray, sd: FloatA
         return _fit(windows, _felt(windows, at, gyros), gyros, mirrored=mirrored)
 
     at = start
-    found, left = fitted(at)
+    found, last = fitted(at)
     settled = False
     while not settled:
         perturbed = [fitted(at + step) for step in NUDGE]
-        slope = np.column_stack([(each[1] - left) / step.sum() for each, step in zip(perturbed, NUDGE, strict=True)])
+        slope = np.column_stack([(each[1] - last) / step.sum() for each, step in zip(perturbed, NUDGE, strict=True)])
         # a window counts as one sample, as its errors are correlated, and as half a sample, as windows overlap
-        noise = OVERLAP * float(np.sum(left**2)) / len(windows.turned)
+        noise = OVERLAP * float(np.sum(last**2)) / len(windows.turned)
         covariance = np.linalg.inv(slope.T @ slope / noise + np.diag(sd**-2))
         turns = [each[0].to_vehicle @ found.to_vehicle.T for each in perturbed]
         yaw = np.array([np.arctan2(turn[1, 0] - turn[0, 1], turn[0, 0] + turn[1, 1]) for turn in turns])
         yaw /= NUDGE.sum(axis=0)
-        change = covariance @ ((start - at) / sd**2 - slope.T @ left / noise)
-        other, other_left = fitted(at + change)
-        if not other.misfit < found.misfit:  # also if the misfit is not a number
+        change = covariance @ ((start - at) / sd**2 - slope.T @ last / noise)
+        trial, trial_last = fitted(at + change)
+        if not trial.misfit < found.misfit:  # also if the misfit is not a number
             break
-        settled = other.misfit > CLOSER * found.misfit
-        at, found, left = at + change, other, other_left
+        settled = trial.misfit > CLOSER * found.misfit
+        at, found, last = at + change, trial, trial_last
     return replace(found, sd=float(np.hypot(found.sd, np.sqrt(yaw @ covariance @ yaw))))
 
 
@@ -295,7 +296,7 @@ def _increments_of(turn: FloatArray) -> FloatArray:
 
 @dataclass(frozen=True, slots=True)
 class _Windows:
-    """Spans of a drive with GPS accelerations."""
+    """Windows of a drive, with the changes of GPS velocity or position in each window."""
 
     sums: Callable[[float], tuple[FloatArray, FloatArray]]  # `_Sums.between` fixes by delay of the samples [s]
     shares: int  # number of intervals of `sums` between two fixes
@@ -363,8 +364,8 @@ class _Fixes:
     def longer(self) -> float:
         """Factor by which noise lengthens the windows."""
         noise = float(np.median(self.noise))
-        low, most = (PLACED * np.sqrt(noise), LONGEST_PLACED) if self.placed else (NOISY * noise, LONGEST)
-        return float(np.clip(low, 1.0, most))
+        low, limit = (PLACED * np.sqrt(noise), LONGEST_PLACED) if self.placed else (NOISY * noise, LONGEST)
+        return float(np.clip(low, 1.0, limit))
 
     def windows(self, sums: _Sums, length: float) -> _Windows:
         """Return the windows of a length [s] that begin in motion."""
@@ -402,16 +403,16 @@ def _felt(windows: _Windows, given: FloatArray, gyros: FloatArray) -> FloatArray
     dt, sums = windows.sums(float(given[6]))
     angle, force = given[:3], given[3:6]
     steps = sums @ _increments_of(gyros) - dt[:, None] * np.concatenate([angle, force, np.zeros(3)])
-    turns, pushes, moves = (np.ascontiguousarray(steps[:, at : at + 3]) for at in (0, 3, 6))
+    turns, pushes, moves = (np.ascontiguousarray(steps[:, column : column + 3]) for column in (0, 3, 6))
     first, count = windows.first * windows.shares, (windows.compared.shape[2] - 1) * windows.shares
-    felt = np.empty((first.size, count + 1, 3))
-    window_histories(dt, turns, pushes, first, felt)
+    integral = np.empty((first.size, count + 1, 3))
+    window_histories(dt, turns, pushes, first, integral)
     if windows.placed:
-        moved = np.empty_like(felt)
-        window_histories(dt, turns, moves - 0.5 * dt[:, None] ** 2 * force, first, moved)
+        position = np.empty_like(integral)
+        window_histories(dt, turns, moves - 0.5 * dt[:, None] ** 2 * force, first, position)
         spans = dt[first[:, None] + np.arange(count)]
-        felt[:, 1:] = np.cumsum(spans[..., None] * felt[:, :-1], axis=1) + moved[:, 1:]
-    return np.asarray(windows.compared @ felt[:, :: windows.shares])
+        integral[:, 1:] = np.cumsum(spans[..., None] * integral[:, :-1], axis=1) + position[:, 1:]
+    return np.asarray(windows.compared @ integral[:, :: windows.shares])
 
 
 def _fit(windows: _Windows, felt: FloatArray, gyros: FloatArray, *, mirrored: bool) -> tuple[Mounting, FloatArray]:

@@ -96,6 +96,7 @@ def sway(parts: Intervals, still: FloatArray, at: StationaryMeans | None = None)
     step = float(np.median(parts.dt[1 : 1 << 16]))
     size = max(4, round(SWAYED / step))
     rate, _, force, _ = _windows(parts, (last - first) // size, size, first)
+    # parts that lie within a stationary interval
     ends = parts.end[first + size - 1 : last : size]
     interval = np.searchsorted(still[:, 1], ends)
     calm = ends - size * step > still[interval, 0] - step
@@ -210,7 +211,8 @@ def departure(parts: Intervals, rest: tuple[float, float]) -> float:
         for first, last in runs_of(odd):
             if last - first >= duration:
                 return float(parts.end[now + first * size - 1])
-        more = odd.size - int(np.argmin(odd[::-1])) if odd[-1] else odd.size  # odd windows at the end begin the next
+        # windows at the end that differ are compared again in the next block
+        more = odd.size - int(np.argmin(odd[::-1])) if odd[-1] else odd.size
         before, now = current, now + more * size
     return float(parts.end[-1])
 

@@ -32,7 +32,7 @@ _HOUR = 3600.0
 
 
 def _q(u: FloatArray | float) -> FloatArray:
-    """Compute function ``q`` of the potential and its derivative by ``u`` (section 2-7)."""
+    """Compute ``q(u)`` and its derivative (Heiskanen and Moritz, Physical Geodesy, 1967, section 2-7)."""
     turn = np.arctan(_E / u)
     value = 0.5 * ((1.0 + 3.0 * u * u / _E**2) * turn - 3.0 * u / _E)
     slope = 0.5 * (6.0 * u / _E**2 * turn - (1.0 + 3.0 * u * u / _E**2) * _E / (u * u + _E**2) - 3.0 / _E)

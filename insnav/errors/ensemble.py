@@ -1,4 +1,4 @@
-"""Ensemble of simulated recordings of one motion, all navigated: their errors and the filter covariance.
+"""Errors and filter covariance of an ensemble of simulated, navigated recordings of one motion.
 
 Every recording has its own IMU, fixes and noise. At each second, squared errors and filter variances are summed over
 the recordings, for a comparison at every time.

@@ -68,7 +68,7 @@ _DATA_LOST = {
 
 @dataclass(frozen=True, slots=True)
 class ShortWindow:
-    """Short-duration minus full mechanization (short form, full form) over one window, from the same state."""
+    """Short-duration mechanization (short form) minus full mechanization (full form) in one window, from one state."""
 
     start: float  # time of the start [s]
     speed: float  # mean horizontal speed [m/s]
@@ -87,7 +87,7 @@ class ShortWindow:
 
 
 def short_windows(imu: ImuData, solution: Trajectory, sensor_errors: SensorErrors | None = None) -> list[ShortWindow]:
-    """Run both mechanizations free-inertial through successive windows of a drive.
+    """Navigate successive windows of a drive without aiding, by the short-duration and the full mechanization.
 
     `sensor_errors`: estimated biases and scale factors. Their estimate at the start of a window corrects its samples.
     Returns: successive windows of a minute without a data gap. Raises: InputError: the drive is too short, or every
@@ -203,7 +203,7 @@ class EvaluatedRun:
 
     @property
     def known_errors(self) -> dict[str, TrajectoryErrors]:
-        """Errors of the solutions with a reference, the better one first."""
+        """Errors of the solutions compared with a reference, the better solution first."""
         both = {"smoothed": self.smoothed_errors, "filtered": self.errors}
         return {name: each for name, each in both.items() if each is not None}
 
@@ -264,7 +264,7 @@ def evaluate_run(
 
 
 def _held(reference: Trajectory, time: FloatArray) -> Trajectory:
-    """Sample a stationary reference, such as a bench, at times ``(n,)`` that it covers without an epoch among them."""
+    """Return the reference, sampled at times (n,) [s] if it is stationary and has no epochs in their span."""
     inside = (reference.time >= time[0]) & (reference.time <= time[-1]) if len(time) else np.ones(1, dtype=np.bool_)
     stationary = len(reference.time) > 1 and not np.any(np.ptp(reference.lla, axis=0)) and not np.any(reference.v_n)
     if inside.any() or not stationary or reference.time[0] > time[0] or reference.time[-1] < time[-1]:
@@ -298,7 +298,7 @@ def same_positions(gps: GpsData, reference: Trajectory) -> bool:
 
 
 def _rounding(lla: FloatArray) -> float:
-    """Return the largest rounding error of positions (n, 3) of decimal degrees or minutes [rad]; else zero."""
+    """Return the largest rounding error [rad] of positions (n, 3) with few decimals of a degree or minute, or zero."""
     degrees = lla[:, :2] / DEG
     for resolution in sorted((step / part for step in (1e-5, 1e-6, 1e-7, 1e-8) for part in (1.0, 60.0)), reverse=True):
         if np.abs(degrees / resolution - np.round(degrees / resolution)).max() < _WHOLE:
@@ -307,7 +307,7 @@ def _rounding(lla: FloatArray) -> float:
 
 
 def fixed_epochs(reference: Reading[Trajectory]) -> tuple[Trajectory, tuple[Finding, ...]]:
-    """Select reference epochs with fixed ambiguities, with findings; all epochs if the file has no types."""
+    """Select reference epochs with fixed ambiguities, and report the omitted ones. Keep all if all or none is fixed."""
     if reference.fix is None or not (reference.fix == 1).any() or (reference.fix == 1).all():
         return reference.data, ()
     fixed = np.asarray(reference.fix == 1)
@@ -391,7 +391,7 @@ def _place(each: Finding) -> tuple[bool, bool]:
 
 
 def run_warnings(found: EvaluatedRun) -> tuple[Finding, ...]:
-    """Report problems that make a solution worse than stated, most important first."""
+    """Report problems that make a solution worse than its stated uncertainty, most important first."""
     stated, same_as_gps = found.errors_on_clock, found.reference_is_gps
     overconfidence = [each for mode in ("filtered", "smoothed") for each in overconfident(mode, stated.get(mode))]
     unusable, lost = failure(found.run), tuple(_lost_heading(found))
@@ -520,9 +520,9 @@ def _diverged(run: Run) -> Iterator[Finding]:
 
 
 def _turned_at_rest(run: Run) -> Iterator[Finding]:
-    """Report a long stationary period whose mean rate the drive contradicts: a steady turn resembles gyro bias.
+    """Report a long stationary period in which the vehicle probably turned: a steady turn resembles gyro bias.
 
-    The comparison uses the bias about down in the minutes after departure.
+    The gyro bias about down in the minutes after departure contradicts the mean rate in that period.
     """
     aligned, errors = run.alignment, (run.smoothed or run).sensor_errors
     after = (errors.time > aligned.left) & (errors.time < aligned.left + LONG_REST)
@@ -560,7 +560,7 @@ def _lost_heading(found: EvaluatedRun) -> Iterator[Finding]:
 
 
 def _impossible_scale(run: Run) -> Iterator[Finding]:
-    """Report a scale factor significantly larger than of any sensor: its state absorbs a model error.
+    """Report a scale factor that is significantly too large for any sensor: its state absorbs a model error.
 
     Cross-axis signals limit the accuracy of the scale factor of an axis with little signal.
     """

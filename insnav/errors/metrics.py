@@ -1,4 +1,4 @@
-"""Errors of a trajectory against a reference of its drive and time, summary statistics, comparison of several runs.
+"""Errors of a trajectory against a reference of the same drive, summary statistics, comparison of several runs.
 
 Error is estimate minus truth, at the epochs of the reference. Cubic Hermite interpolation of position brings the
 estimate to those epochs, with errors below a millimetre at 10 Hz. Several runs are compared at their common epochs.
@@ -34,7 +34,10 @@ _SAME_TIME = 1e-6  # tolerance of equal times, for their rounding [steps]
 
 
 def other_drive(reference: Trajectory, track: Trajectory, gps: GpsData | None) -> float:
-    """Return the distance of a reference from the fixes if only the track follows the fixes [m]; else zero."""
+    """Return the median distance of a reference of another drive from the fixes [m]; zero if the drive is the same.
+
+    The reference of another drive does not follow the fixes, whereas the track does.
+    """
     if gps is None:
         return 0.0
     inside = (gps.time >= reference.time[0]) & (gps.time <= reference.time[-1]) & np.isfinite(gps.lla[:, 0])
@@ -259,7 +262,7 @@ def _statistics(error: FloatArray) -> dict[str, float] | None:
 
 
 def _brackets(time: FloatArray, wanted: FloatArray) -> tuple[IntArray, FloatArray, BoolArray]:
-    """Find the interval of `time` around each wanted time, the time since its start as a share, and if it is no gap."""
+    """Return the interval of `time` around each wanted time, the elapsed share of it, and False in a gap or outside."""
     if len(time) < 2:
         return np.zeros(len(wanted), dtype=np.intp), np.zeros(len(wanted)), np.isin(wanted, time)
     index = np.clip(np.searchsorted(time, wanted, side="right") - 1, 0, len(time) - 2)

@@ -116,7 +116,7 @@ def batch(
 
 @contextmanager
 def _alone(folder: Path) -> Iterator[None]:
-    """Lock the folder of a fleet, created if necessary, until the process ends.
+    """Create the folder of a fleet if necessary, and lock it while the context is active.
 
     Raises: OutputError: another batch uses it, or it cannot be written.
     """
@@ -266,28 +266,28 @@ def find_drives(folder: Path, without: Path | None, workers: Workers) -> tuple[l
 
 def _places(folder: Path, without: Path | None, left: list[Finding]) -> Iterator[list[Path]]:
     """Yield the files of every folder, or the folder if it is one recording; report skipped paths in `left`."""
-    seen: set[Path] = set()  # links may form circles
+    visited: set[Path] = set()  # links may form circles
 
     def unreadable(error: OSError) -> None:
         left.append(Finding.of(Code.BATCH_UNREADABLE, subject=str(error.filename), reason=str(error.strerror)))
 
     for name, folders, files in os.walk(folder, onerror=unreadable, followlinks=True):
         here, real = Path(name), Path(name).resolve()
-        if real == without or real in seen or _result(here):
+        if real == without or real in visited or _result(here):
             folders.clear()
             continue
-        seen.add(real)
+        visited.add(real)
         names = sorted(each for each in files if not each.startswith(".") and Path(each).suffix.lower() not in NO_DATA)
         data = [here / each for each in names]
         inner = any(_whole(here / each) for each in folders)  # a folder format also reads subfolders
-        others = [here / each for each in unused(names)]
-        parts = [(_named(each), _key(each)) for each in others]
+        unread = [here / each for each in unused(names)]
+        parts = [(_named(each), _key(each)) for each in unread]
         pair = any(("gps", key) in parts for part, key in parts if part == "imu")
         complete = not inner and not pair and here != folder and _whole(here, len(data))
         if complete and Counter(map(_role, data[:4])) != Counter(_PARTS):
             folders.clear()
             data = [here]
-            left.extend(Finding.of(Code.BATCH_OTHER_NAMES, subject=str(each)) for each in others)
+            left.extend(Finding.of(Code.BATCH_OTHER_NAMES, subject=str(each)) for each in unread)
         folders[:] = sorted(each for each in folders if not each.startswith("."))
         if data:
             yield data
@@ -369,6 +369,7 @@ def _paired(files: Sequence[Path], roles: _Roles) -> Iterator[tuple[Path, _Parts
         path = parts["imu"][0]
         yield path if path.is_dir() else path.parent, {part: own[0] for part, own in parts.items() if own}, ""
         return
+    # several drives: files are grouped by their names without the part
     named: dict[str, dict[str, list[Path]]] = defaultdict(lambda: {part: [] for part in _PARTS})
     for part, own in parts.items():
         for path in own:

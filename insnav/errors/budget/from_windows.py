@@ -399,8 +399,8 @@ def _part(windows: Windows, model: ErrorModel, made: Replicas | None) -> Recorde
 def verdicts(found: Growth, *, one_sensor: bool = False) -> tuple[Verdict, ...]:
     """Compare recorded and predicted RMS error at the last time.
 
-    Errors are explained if the chi-square distribution of as many normal errors admits their mean square, or if their
-    confidence interval reaches the prediction. An error common to all windows is one sample. If it is the share c of
+    Errors are explained if their mean square is plausible (chi-square) for the predicted sd, or if their confidence
+    interval reaches the prediction. An error common to all windows is one sample. If it is the share c of
     the mean square, n windows are equivalent to ``1 / (c^2 + (1 - c)^2 / n)`` samples (Satterthwaite 1946).
 
     `one_sensor`: the turn-on errors of one IMU cause the errors of all windows, which then count as one sample.
@@ -486,7 +486,7 @@ def window_start_sources(budget: RecordedBudget) -> tuple[Source, ...]:
 
 
 def spec_in_windows(budget: RecordedBudget) -> ImuSpec:
-    """Return the IMU errors that arise after the start of a window: noise, bias change, terms without filter states.
+    """Return a specification of IMU errors after the start of a window: noise, bias change, terms without states.
 
     In-run bias since the start is a random walk with the driving noise of the IMU file's Gauss-Markov process,
     ``2 sd^2 / T`` (Gelb 1974, section 3.6). This holds for times far below T. Accelerometer misalignment acts as a bias

@@ -384,6 +384,7 @@ def _noise(source: Source, motion: SampledMotion, steps: Steps, at: IntArray, lo
     position = np.cumsum(0.5 * (velocity[1:] + velocity[:-1]) * dt[:, None], axis=0)
     position = np.concatenate([np.zeros((1, 3)), position])
     white, drive, decay, first = np.array(processes(source, motion)).T.copy()
+    # Gauss-Markov process over one step: exponent x of its decay, and integral `gained` of the decay
     x = np.minimum(dt[:, None] * decay, 700.0)
     tau = 1.0 / np.maximum(decay, 1e-30)
     gained = np.where(x > 0.0, -np.expm1(-x) * tau, dt[:, None])

@@ -314,10 +314,10 @@ def outages(
 ) -> list[Outage]:
     """Simulate GNSS outages throughout a drive.
 
-    `lengths`: lengths of the windows [s]. `first`: start of the first window, after the start of navigation [s]; by
-    default a minute, or less if the drive is short. `spacing`: between starts of windows of one length [s]; by default
-    about sixty fit. Windows overlap if it is less than their length: each continues from the filter with all earlier
-    fixes. `reference`: better antenna positions for the comparison, or a function of the final lever arm (3,) [m]; by
+    `lengths`: window lengths [s]. `first`: time from the start of navigation to the first window [s]; by default a
+    minute, or less if the drive is short. `spacing`: interval between starts of windows of one length [s]; by default
+    about sixty windows fit. Windows may overlap, as each continues from the filter's state after all earlier fixes.
+    `reference`: better antenna positions for the comparison, or a function of the final lever arm (3,) [m]; by
     default the removed fixes.
     Raises: ConfigError: lengths or spacing not above zero. InputError: the drive is too short for any window.
     """

@@ -35,7 +35,7 @@ FAMILIES = (*(term.family for sensor in SENSORS for term in terms_of(sensor) if 
 
 @dataclass(frozen=True, slots=True)
 class Requirement:
-    """Requirement: the error is within the limit with this probability."""
+    """Requirement that a position error is within a limit with a given probability."""
 
     error: float  # limit of the position error [m]
     after: float  # time without aiding [s]

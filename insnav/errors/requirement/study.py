@@ -131,24 +131,24 @@ def propagation(truth: Truth, begins: Sequence[float], length: float) -> Propaga
     count = len(motion.dt) // per_second
     ends = per_second * (1 + np.arange(count))
     steps = steps_of(motion, ends)
-    given = np.stack([integrated(disturbance(source, motion), motion, steps) for source in _UNITS], axis=1)
+    inputs = np.stack([integrated(disturbance(source, motion), motion, steps) for source in _UNITS], axis=1)
     edges = np.searchsorted(steps.edges, np.append(0, ends))
     by_state, by_noise = np.empty((count, NAV, SENSED)), np.empty((count, 6, NAV, NAV))
     first = np.concatenate([np.eye(NAV), np.zeros((len(_UNITS), NAV))])
-    zeros, one, zero = np.zeros((len(first), given.shape[2])), np.ones(6), np.zeros(6)
+    zeros, ones, zero = np.zeros((len(first), inputs.shape[2])), np.ones(6), np.zeros(6)
     for k in range(count):
         part = slice(edges[k], edges[k + 1])
         x, force, dt = steps.state[part], steps.force_n[part], steps.dt[part]
         inner = np.broadcast_to(zeros, (len(dt), *zeros.shape)).copy()
-        inner[:, NAV:] = given[part]
+        inner[:, NAV:] = inputs[part]
         row, response = np.array([len(dt)]), np.empty((1, len(first), NAV))
         _kernel.sensitivities(x, force, dt, inner, first.copy(), False, row, response)
         by_state[k, :, :IN_RUN] = response[0, :IN_RUN].T
         by_state[k, :, IN_RUN:SCALE] = response[0, BIAS:IN_RUN].T
         by_state[k, :, SCALE:] = response[0, IN_RUN:].T
         noise = np.empty((1, 6, NAV, NAV))
-        six = np.ascontiguousarray(given[part, :6])
-        _kernel.noises(x, force, dt, six, np.arange(6), one, zero, zero, zero, False, row, noise)
+        six = np.ascontiguousarray(inputs[part, :6])
+        _kernel.noises(x, force, dt, six, np.arange(6), ones, zero, zero, zero, False, row, noise)
         by_noise[k] = noise[0]
     return Propagation(tuple(seconds), outage, by_state, by_noise, motion.C_nb[ends - 1], motion.truth.v_n[ends])
 
@@ -240,7 +240,7 @@ def _predicted(
 
 
 def _measured(moved: Propagation, k: int, aiding: Aiding, *, gps: bool, stop: bool) -> tuple[FloatArray, FloatArray]:
-    """Return measurements at the end of second k: matrix ``(m, 52)`` and standard deviations ``(m,)``."""
+    """Return the measurements at the end of second k: measurement matrix ``(m, 52)``, standard deviations ``(m,)``."""
     rows: list[FloatArray] = []
     sd: list[float] = []
 
@@ -359,7 +359,7 @@ class Candidate:
 
 
 def candidates(required: Requirement, moved: Propagation, parts: Sequence[Part]) -> tuple[Candidate, ...]:
-    """Evaluate parts twice: with undocumented figures from their class, and with zero."""
+    """Evaluate IMUs twice: with undocumented figures from their class, and with zero for these figures."""
     grades = {grade: load_imu(grade) for grade in {part.grade for part in parts}}
     specs = [completed(part, grades[part.grade])[0] for part in parts] + [part.spec for part in parts]
     alone, aided = (error_curves(required, moved, specs, Aiding(nhc=nhc)) for nhc in (False, True))
@@ -442,12 +442,12 @@ def remedies(
     names = [name for name in families(sources_of(spec)) if not name.startswith("initial")]
     halves = [halved(spec, name) for name in names]
     errors = {name: _errors(required, moved, [spec], each)[0] for name, each in aiding.items()}
-    others = _errors(required, moved, [*changed.values(), *halves], Aiding())
-    errors |= dict(zip(changed, others, strict=False))
+    changed_errors = _errors(required, moved, [*changed.values(), *halves], Aiding())
+    errors |= dict(zip(changed, changed_errors, strict=False))
     base = errors["as it is"]
-    found = tuple(Remedy(name, error, error / base) for name, error in errors.items())
-    changes = [error / base for error in others[len(changed) :]]
-    return found, tuple(
+    results = tuple(Remedy(name, error, error / base) for name, error in errors.items())
+    changes = [error / base for error in changed_errors[len(changed) :]]
+    return results, tuple(
         Elasticity(name, change - 1.0, math.log(change) / math.log(0.5))
         for name, change in zip(names, changes, strict=True)
     )
