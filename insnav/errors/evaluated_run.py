@@ -50,7 +50,7 @@ _LONG_GAP = 1.0  # IMU data gap in which a car may turn and brake [s]
 _EXPLAINED = 0.5
 _AT_THE_LIMIT = 0.99  # an initial scale factor sd above this share of the search limit: fixes and IMU disagree
 _ACROSS = 0.02  # cross-axis sensitivity: share of the signals of the other axes in the output of an axis [-]
-# an implausible bias exceeds the turn-on bias by this factor: clean drives have 1.4, navigation-grade drives 4 [-]
+# an implausible bias exceeds the turn-on bias by this factor: clean drives reach 1.4, or 4 at navigation grade [-]
 _TURN_ON = 2.0
 # least resultant of heading minus course in a valid solution [-] (clean drives: 0.84), above this speed [m/s]
 _ALONG, _MOVING = 0.5, 3.0

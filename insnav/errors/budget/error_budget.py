@@ -365,11 +365,11 @@ def _by_family(variance: FloatArray, sources: tuple[Source, ...], names: tuple[s
 def _normalised(error: FloatArray, total: FloatArray) -> FloatArray:
     """Compute the mean ``e' P^-1 e / n`` of the n error states over the runs at every time, (m,)."""
     nees = np.empty(len(total))
-    for k, covariance in enumerate(total):
-        sd = np.sqrt(np.diag(covariance))
+    for k, matrix in enumerate(total):
+        sd = np.sqrt(np.diag(matrix))
         # states without variance, and exact duplicates of other states, are excluded
         free = np.flatnonzero(sd > 0.0)
-        correlation = covariance[np.ix_(free, free)] / np.outer(sd[free], sd[free])
+        correlation = matrix[np.ix_(free, free)] / np.outer(sd[free], sd[free])
         value, vector = np.linalg.eigh(correlation)
         kept = value > 1e-9
         nees[k] = np.mean(((error[:, k, free] / sd[free]) @ vector[:, kept]) ** 2 / value[kept])

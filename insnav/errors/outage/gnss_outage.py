@@ -451,9 +451,9 @@ class OutageEpochs(Tabular):
         """Return the windows in their order."""
         begins = np.flatnonzero((np.diff(self.start) != 0.0) | (np.diff(self.length) != 0.0)) + 1
         edges = [0, *begins.tolist(), len(self.start)]
-        outages = []
+        result = []
         for first, last in pairwise(edges):
             part: dict[str, Any] = {name: getattr(self, name)[first:last] for name in self.COLUMNS}
             scalars: dict[str, Any] = {name: float(part.pop(name)[0]) for name in ("start", "length", "speed")}
-            outages.append(Outage(**part, **scalars))
-        return tuple(outages)
+            result.append(Outage(**part, **scalars))
+        return tuple(result)
