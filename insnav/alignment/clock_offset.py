@@ -276,15 +276,15 @@ def _compared(
         return None
     lags = gps[0] - imu[0] + (np.arange(n + m - 1) - (n - 1)) * STEP
     score, alike, common = np.zeros(n + m - 1), np.zeros((2, n + m - 1)), np.zeros((2, n + m - 1))
-    felt = seen = inside = judged = 0.0
+    imu_rms = gps_rms = power = judged = 0.0
     row = np.round((gps[0] - imu[0]) / STEP).astype(int) + np.arange(m)
     within = (row >= 0) & (row < n)
     for i, (x, mx, y, my) in enumerate(zip(imu[1], imu[2], gps[1], gps[2], strict=True)):
         if not (mx.any() and my.any()):
             continue
-        felt, seen = float(np.std(x[mx])), float(np.std(y[my]))  # the last round keeps the accelerations
+        imu_rms, gps_rms = float(np.std(x[mx])), float(np.std(y[my]))  # the last round keeps the accelerations
         motion = np.where(my & within, (y - np.median(y[my])) ** 2, 0.0)
-        inside, judged = inside + motion.sum(), judged + motion[within] @ mx[row[within]]
+        power, judged = power + motion.sum(), judged + motion[within] @ mx[row[within]]
         correlation, count = correlate_masked(x, mx, y, my)
         enough = count * STEP >= max(SHORTEST, SHARE * STEP * min(mx.sum(), my.sum()))
         r = np.where(enough, np.clip(correlation, -0.999, 0.999), 0.0)
@@ -293,7 +293,7 @@ def _compared(
         alike[i], common[i] = r, count * STEP
     best = int(np.argmax(score))
     most = float(np.sqrt(np.average(alike[:, best] ** 2, weights=common[:, best] + 1e-9)))
-    return _Compared(span, lags, alike, common, score, most, felt, seen, judged / inside if inside > 0.0 else 1.0)
+    return _Compared(span, lags, alike, common, score, most, imu_rms, gps_rms, judged / power if power > 0.0 else 1.0)
 
 
 def _near(compared: _Compared) -> tuple[float, float, float]:
@@ -354,7 +354,7 @@ def _refined(imu: _Track, gps: _Track, lag: float, span: float) -> ClockOffset |
         return None
     length = ends[1] - ends[0]
     turn, change_of_v = gps.turn[rows:] - gps.turn[:-rows], gps.change[rows:] - gps.change[:-rows]
-    seen = np.array([turn, np.linalg.norm(change_of_v, axis=1)]) / length
+    measured = np.array([turn, np.linalg.norm(change_of_v, axis=1)]) / length
     known = np.array([_covered(gps, flags, ends) for flags in (gps.turns, gps.known)])
 
     def residuals(offset: float) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -362,13 +362,13 @@ def _refined(imu: _Track, gps: _Track, lag: float, span: float) -> ClockOffset |
         inside = (shifted[0] > imu.time[0]) & (shifted[1] < imu.time[-1])
         sensed = _over(imu, shifted) / length
         use = known & inside & np.array([_covered(imu, imu.known, (shifted[0], shifted[1]))] * 2)
-        left, weight, r = np.zeros_like(seen), np.zeros(2), np.zeros(2)
+        residual, weight, r = np.zeros_like(measured), np.zeros(2), np.zeros(2)
         for i in range(2):
             if np.count_nonzero(use[i]) < 10:
                 continue
             row = np.flatnonzero(use[i])
             for _ in range(2):  # the second time without false velocities
-                x, y = sensed[i, row], seen[i, row]
+                x, y = sensed[i, row], measured[i, row]
                 x, y = x - x.mean(), y - y.mean()
                 power = float(np.sum(x**2))
                 if power == 0.0 or float(np.sum(y**2)) == 0.0:
@@ -376,38 +376,38 @@ def _refined(imu: _Track, gps: _Track, lag: float, span: float) -> ClockOffset |
                 r[i] = float(np.sum(x * y)) / np.sqrt(power * float(np.sum(y**2)))
                 fitted = float(np.sum(x * y)) / power * x
                 misfit = y - fitted
-                left[i], weight[i] = 0.0, 1.0 / max(float(np.mean(misfit**2)), 1e-12)
-                left[i, row] = misfit
+                residual[i], weight[i] = 0.0, 1.0 / max(float(np.mean(misfit**2)), 1e-12)
+                residual[i, row] = misfit
                 limit = OUTSIDE * (1.4826 * float(np.median(np.abs(misfit))) + 1e-9)
                 row = row[np.abs(misfit) < max(limit, float(np.sqrt(np.mean(fitted**2))))]
                 if row.size < 10:
                     break
-        return left, weight, r
+        return residual, weight, r
 
     # search on a grid around the lag, then Gauss-Newton
     offsets = np.arange(lag - MEMORY, lag + MEMORY, 0.05)
-    likelihood = [_likelihood(left, r) for left, _, r in map(residuals, offsets)]
+    likelihood = [_likelihood(residual, r) for residual, _, r in map(residuals, offsets)]
     at = float(offsets[int(np.argmax(likelihood))])
-    sd, apart, step = np.inf, 0.0, 1e-2
+    sd, split, step = np.inf, 0.0, 1e-2
     for _ in range(20):
-        left, weight, r = residuals(at)
+        residual, weight, r = residuals(at)
         slope = (residuals(at + step)[0] - residuals(at - step)[0]) / (2.0 * step)
         weighted = weight[:, None] * slope
         power = float(np.sum(weighted * slope))
         if power <= 0.0:
             return None
-        change = -float(np.sum(weighted * left)) / power
-        gradient = np.sum(weighted * left, axis=0)
+        change = -float(np.sum(weighted * residual)) / power
+        gradient = np.sum(weighted * residual, axis=0)
         blocks = [float(np.sum(part)) for part in np.array_split(gradient, BLOCKS)]
         sd = float(np.sqrt(np.sum(np.square(blocks)) * BLOCKS / (BLOCKS - 1.0))) / power
         info = np.sum(weighted * slope, axis=1)
-        alone = -np.sum(weighted * left, axis=1) / np.where(info > 0.0, info, np.inf)  # turns, accelerations alone
-        apart = float(np.abs(alone[0] - alone[1])) if (info > 0.0).all() else 0.0
+        alone = -np.sum(weighted * residual, axis=1) / np.where(info > 0.0, info, np.inf)  # turns, accelerations alone
+        split = float(np.abs(alone[0] - alone[1])) if (info > 0.0).all() else 0.0
         at += float(np.clip(change, -0.2, 0.2))
         if abs(change) < 1e-4:
             break
     common = min(float(gps.time[-1]), float(imu.time[-1]) + at) - max(float(gps.time[0]), float(imu.time[0]) + at)
-    return ClockOffset(at, float(np.linalg.norm([sd, SYSTEMATIC, 0.5 * apart])), float(r[0]), float(r[1]), common)
+    return ClockOffset(at, float(np.linalg.norm([sd, SYSTEMATIC, 0.5 * split])), float(r[0]), float(r[1]), common)
 
 
 def _likelihood(left: FloatArray, r: FloatArray) -> float:

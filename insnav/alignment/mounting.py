@@ -254,8 +254,8 @@ def _refined(windows: _Windows, gyros: FloatArray, start: FloatArray, sd: FloatA
 class _Sums:
     """Integrals since the first sample: angles, velocities, positions, and products of angles with rates and forces."""
 
-    time: FloatArray  # (n,) ends of the samples [s]
-    table: FloatArray  # (n, 27) integrals up to each end
+    time: FloatArray  # (n,) start of the first sample, and ends of all samples [s]
+    table: FloatArray  # (n, 27) integrals up to each time
 
     @classmethod
     def of(cls, parts: Intervals) -> _Sums:
@@ -301,7 +301,7 @@ class _Windows:
     sums: Callable[[float], tuple[FloatArray, FloatArray]]  # `_Sums.between` fixes by delay of the samples [s]
     shares: int  # number of intervals of `sums` between two fixes
     first: IntArray  # (w,) row of the first fix
-    compared: FloatArray  # (w, m, k) sums over fixes: changes of velocity, or of position without steady motion
+    compared: FloatArray  # (w, m, k) coefficients of m combinations of k fixes, unaffected by steady motion
     change: FloatArray  # (w, m, 3) changes of GPS minus gravity, forward, right, down [m/s] or [m]
     strength: FloatArray  # (w,) sum of squared horizontal changes
     noise: FloatArray  # (w,) sum of squared noise

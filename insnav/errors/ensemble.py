@@ -51,9 +51,9 @@ class NavigatedRecording:
     """Monte Carlo task: simulate a recording and navigate it as ``insnav run`` does, with known lever arm."""
 
     truth: Truth  # simulated motion
-    imu_spec: ImuSpec  # sensor errors of the simulation; the filter assumes the same, also for `gps_spec`
-    gps_spec: GpsSpec
-    perfect: ImuData  # samples of an error-free IMU
+    imu_spec: ImuSpec  # IMU errors, simulated and specified to the filter
+    gps_spec: GpsSpec  # GPS errors, simulated and specified to the filter
+    perfect: ImuData  # samples of an error-free IMU on this motion
     faults: tuple[Fault, ...] = ()  # faults added to every recording
     temperature: FloatArray | None = None  # (n,) temperature of the IMU [deg C]
 

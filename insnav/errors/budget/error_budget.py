@@ -102,20 +102,21 @@ def _states(
     noise = (white, drift, 1.0 / np.array([spec.gyro.correlation_time, spec.accel.correlation_time]), walk)
     rngs = [np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(run,))) for run in numbers]
     sampled, correlated, drawn = [], np.zeros((len(rngs), STATES)), np.empty((len(rngs), 9))
-    for place, rng in enumerate(rngs):
+    for index, rng in enumerate(rngs):
         sampled.append(_of_errors(sample_errors(spec, rng)))
         if known:
-            correlated[place] = rng.standard_normal(len(known)) @ joint
-        drawn[place] = rng.standard_normal(9)
+            correlated[index] = rng.standard_normal(len(known)) @ joint
+        drawn[index] = rng.standard_normal(9)
     starts = _starts(spec.initial or InitialSpec(), motion, drawn, hold, correlated[:, :9])
-    for place, rng in enumerate(rngs):
-        estimated = correlated[place, 9:].reshape(4, 3)
-        sampled[place][0][:] -= estimated[:2].ravel()
-        sampled[place][1][:, range(3), range(3)] -= estimated[2:]
+    for index, rng in enumerate(rngs):
+        # the filter subtracts its estimates from the samples, so estimation errors enter with opposite sign
+        estimated = correlated[index, 9:].reshape(4, 3)
+        sampled[index][0][:] -= estimated[:2].ravel()
+        sampled[index][1][:, range(3), range(3)] -= estimated[2:]
         if more_errors:
             more = _more(spec, motion, n, rng, changes)
-        errors = *sampled[place], *noise, -deflection * G0 * rng.standard_normal(3)
-        _kernel.corrupted_run(rng, starts[place], *base, more, *errors, *vertical, rows, states[place])
+        errors = *sampled[index], *noise, -deflection * G0 * rng.standard_normal(3)
+        _kernel.corrupted_run(rng, starts[index], *base, more, *errors, *vertical, rows, states[index])
     return states
 
 

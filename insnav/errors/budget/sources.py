@@ -122,7 +122,7 @@ def _height_of(gravity: float, lat: float) -> float:
 
 
 def first_movement(truth: Truth) -> float:
-    """Compute the time from the start of a motion to one second before the vehicle first moves [s], at least 0."""
+    """Compute the time from the start to one second before the first movement [s]; 0 without a pause or movement."""
     tau = np.arange(0.0, truth.duration, 0.5)
     moving = np.flatnonzero(np.linalg.norm(truth.evaluate(truth.start + tau).v_n, axis=1) > 0.05)
     return float(max(tau[moving[0]] - 1.0, 0.0)) if moving.size else 0.0

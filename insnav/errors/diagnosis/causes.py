@@ -245,7 +245,7 @@ def fit_sensors(windows: Windows, model: ErrorModel) -> SensorFit:
         observed = np.concatenate([windows.error[i, rows, :3].T.ravel(), windows.error[i, rows, 3:].T.ravel()])
         known = np.isfinite(observed)
         # rows: positions North, East, Down at all epochs, then velocities
-        design, by_start = (equations.reshape(-1, equations.shape[-1])[known] for equations in (bias, start))
+        design, by_start = (matrix.reshape(-1, matrix.shape[-1])[known] for matrix in (bias, start))
         noise = _noise(windows, i, rows, model)[np.ix_(known, known)]
         noise += by_start @ windows.start_covariance[i, :9, :9] @ by_start.T
         factor = cho_factor(noise, lower=True)
@@ -288,8 +288,8 @@ def _responses(windows: Windows, i: int) -> tuple[FloatArray, FloatArray]:
     cross[:, 0, 1], cross[:, 0, 2], cross[:, 1, 2] = -f[:, 2], f[:, 1], -f[:, 0]
     cross -= np.swapaxes(cross, 1, 2)
     eye = np.tile(np.eye(3), (len(time), 1, 1))
-    turned = -_integral(time, c)  # attitude error per gyro bias
-    v = np.concatenate([_integral(time, c), _integral(time, cross @ turned)], axis=2)
+    attitude = -_integral(time, c)  # attitude error per gyro bias
+    v = np.concatenate([_integral(time, c), _integral(time, cross @ attitude)], axis=2)
     p = _integral(time, v)
     v_start = np.concatenate([np.zeros_like(eye), eye, _integral(time, cross)], axis=2)
     p_start = np.concatenate([eye, time[:, None, None] * eye, _integral(time, v_start[:, :, 6:])], axis=2)

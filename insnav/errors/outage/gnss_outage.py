@@ -208,21 +208,21 @@ def _summed(
     `shared`: known least share of the mean square common to all windows.
     """
     size = np.stack([np.linalg.norm(each, axis=-1) for each in error], axis=-1)
-    known, once = np.isfinite(size), np.ones((1, len(start)))
+    known, ones = np.isfinite(size), np.ones((1, len(start)))
     effective = effective_count(start, length)
 
     def mean(values: FloatArray | BoolArray) -> FloatArray:
-        return np.asarray(means(np.where(known, values, np.nan), once)[0])
+        return np.asarray(means(np.where(known, values, np.nan), ones)[0])
 
     square, reference_square = mean(size**2), mean(reference)
     # degrees of freedom of a squared error, below the number of axes if one dominates (Satterthwaite 1946)
-    per_axis = [means(each**2, once)[0] for each in error]
+    per_axis = [means(each**2, ones)[0] for each in error]
     axes = np.stack([each.sum(axis=-1) ** 2 / np.maximum((each**2).sum(axis=-1), 1e-300) for each in per_axis], -1)
     # share of the mean square that the mean error explains beyond chance: an error common to all windows
-    common_square = [(means(each, once)[0] ** 2).sum(axis=-1) for each in error]
+    common_square = [(means(each, ones)[0] ** 2).sum(axis=-1) for each in error]
     if "along" in names:
-        at = [names.index(each) for each in ("horizontal", "along", "cross")]
-        common_square[at[0]] = np.maximum(common_square[at[0]], common_square[at[1]] + common_square[at[2]])
+        col = [names.index(each) for each in ("horizontal", "along", "cross")]
+        common_square[col[0]] = np.maximum(common_square[col[0]], common_square[col[1]] + common_square[col[2]])
     with np.errstate(divide="ignore", invalid="ignore"):
         share = (np.stack(common_square, axis=-1) - square / effective) / max(1.0 - 1.0 / effective, 1e-9) / square
     common = np.clip(np.where(effective > 1.0, share, np.nan), 0.0, 1.0)
