@@ -60,7 +60,7 @@ def without_false_motion(parts: Intervals, gps: GpsData, rest: tuple[float, floa
 
 
 def count_false_start(gps: GpsData) -> int:
-    """Count the fixes at the start that contradict the median of the first ones.
+    """Count the fixes at the start that contradict the median of the first fixes.
 
     The path since the first fix is subtracted from the positions. It comes from velocities, or from the median rate of
     positions (Theil and Sen: P. K. Sen, J. Am. Stat. Assoc. 63 (1968) 1379-1389).

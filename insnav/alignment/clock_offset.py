@@ -43,7 +43,7 @@ SHARE = 0.3  # least overlap as a share of the shorter record [-]
 MEMORY = 2.0
 SURE = 15.0  # least log-likelihood gain over no correlation: chance does not reach it at any lag
 AS_TOLD = 0.3  # share of the best log-likelihood that zero offset needs to be accepted
-AS_LIKELY = 0.92  # a zero offset with this share is kept: circles in wind and slow motion have no clear best
+AS_LIKELY = 0.92  # zero offset is kept at this share of the best: circles in wind and slow motion have no clear best
 JUDGED = 0.75  # least share of the fixes' motion that zero offset must compare, to be rejected [-]
 APART = 5.0  # least distance between distinct lags [s]
 BLOCKS = 12  # parts of the record; residuals are correlated within a part
@@ -87,7 +87,7 @@ class ClockOffset:
 
 @dataclass(frozen=True, slots=True)
 class Unlike:
-    """Lack of common motion of IMU and receiver at zero offset: two different drives."""
+    """Evidence of two different drives: no common motion of IMU and receiver at zero offset."""
 
     turns: float  # correlation of turn rates, the best near zero offset [-]
     accelerations: float  # correlation of horizontal accelerations [-]
@@ -111,7 +111,7 @@ class _Track:
 class _Compared:
     """Turns and accelerations of samples and fixes, correlated at every lag."""
 
-    span: float  # interval of the changes [s]
+    span: float  # time over which changes are compared [s]
     lags: FloatArray  # (k,) clock offsets that are compared [s]
     alike: FloatArray  # (2, k) correlation of turns and of accelerations [-]
     common: FloatArray  # (2, k) common time [s]
@@ -262,7 +262,7 @@ def _covered(track: _Track, flags: BoolArray, ends: tuple[FloatArray, FloatArray
 
 
 def _of_tracks(imu: _Track, track: _Track) -> _Compared | None:
-    """Compare samples and fixes over spans that suit the fixes; None if they are too short."""
+    """Compare samples and fixes over spans of at least two fix intervals; None if the records are too short."""
     span = max(SPAN, 2.0 * float(np.median(np.diff(track.time))))
     return _compared(_rates(imu, span), _rates(track, span), span)
 

@@ -86,7 +86,7 @@ def _changes(matrices: FloatArray) -> IntArray:
 
 
 def _fewest(gyros: FloatArray, *, mirrored: bool) -> tuple[int, tuple[FloatArray, FloatArray]]:
-    """Find the fewest changes of columns to right-handed axes: their number, and matrices (3, 3) of accel and gyro."""
+    """Find the fewest column changes that give right-handed axes: number, and matrices (3, 3) of accel and gyro."""
     accel = np.array([each.T for _, each in _SETS[mirrored]])
     gyro = (-1.0 if mirrored else 1.0) * accel @ np.sign(gyros)  # a reflected vector turns the other way
     count = _changes(accel) + _changes(gyro)
@@ -378,7 +378,7 @@ class _Fixes:
         fast = np.hypot(v[:, 0, 0], v[:, 0, 1]) >= least
         use = np.flatnonzero(fast & ~sudden & (since[:, -1] <= 2.0 * length))
         first, index, since, v, least = first[use], index[use], since[use], v[use], least[use]
-        # orthonormal combinations of the fixes that a constant value, and for positions a constant velocity, leave zero
+        # orthonormal combinations of the fixes, which cancel a constant value, and for positions a constant velocity
         motion = np.stack([np.ones_like(since), since], axis=-1)[..., : 1 + placed]
         compared = np.swapaxes(np.linalg.qr(motion, mode="complete")[0][..., 1 + placed :], 1, 2)
         unit = (0.5 * since**2 if placed else since)[..., None]  # change by a unit acceleration

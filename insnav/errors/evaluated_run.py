@@ -70,7 +70,7 @@ _DATA_LOST = {
 class ShortWindow:
     """Short-duration mechanization (short form) minus full mechanization (full form) in one window, from one state."""
 
-    start: float  # time of the start [s]
+    start: float  # start of the window [s]
     speed: float  # mean horizontal speed [m/s]
     elapsed: FloatArray  # (n,) time since the start [s]
     # (n, 3) difference North, East, Down [m], [m/s]; the attitude of both comes from the full form
@@ -100,7 +100,7 @@ def short_windows(imu: ImuData, solution: Trajectory, sensor_errors: SensorError
     tolerance = strapdown.TIME_TOLERANCE
     starts = inc.time - inc.dt
     for begin in np.arange(float(solution.time[0]), float(solution.time[-1]) - LENGTH + tolerance, LENGTH):
-        # an index error of one sample is irrelevant: both forms start from the same state
+        # both forms start from the same state, so an error of one sample in the index is irrelevant
         row = int(np.searchsorted(solution.time, begin))
         first = int(np.searchsorted(starts, solution.time[row] - tolerance))
         last = int(np.searchsorted(inc.time, starts[min(first, len(starts) - 1)] + LENGTH + tolerance))
@@ -500,7 +500,7 @@ def _many_rejected(run: Run) -> Iterator[Finding]:
 
 
 def overconfident(name: str, errors: TrajectoryErrors | None) -> list[Finding]:
-    """Report errors outside 3 sd far more often than expected. `name`: of the solution."""
+    """Report errors outside 3 sd far more often than expected. `name`: name of the solution."""
     position = None if errors is None else (nees(errors) or {}).get("position")
     if errors is None or not position or position["inside_3_sd"] >= HOLDS:
         return []

@@ -342,7 +342,7 @@ def travelled(solution: Trajectory) -> tuple[float, float, float]:
 
 
 class Solution(NamedTuple):
-    """Solution of a run."""
+    """Solution of a run, for comparison with a reference."""
 
     run: str  # name of the run
     solution: str  # kind of solution: filtered or smoothed

@@ -66,7 +66,7 @@ class Periods:
 class StaticErrors:
     """Errors of a stationary navigator as functions of time."""
 
-    time: FloatArray  # (n,) since the start [s]
+    time: FloatArray  # (n,) time since the start [s]
     position: FloatArray  # (n, 2) position error North, East [m]
     velocity: FloatArray  # (n, 2) velocity error North, East [m/s]
     tilt: FloatArray  # (n, 3) rotation from the true North, East, Down to the navigator's axes [rad]
@@ -222,7 +222,7 @@ class PlatformComparison:
 
 @dataclass(frozen=True, slots=True)
 class Demonstration:
-    """Integrators on a sine and a known flight; platform and strapdown navigator at rest and in circles."""
+    """Errors of integrators on a sine and a flight, and of platform and strapdown navigator at rest and in circles."""
 
     orders: Sequence[Convergence]
     flight: Mapping[float, Sequence[TrajectoryErrors]]  # errors by sampling rate [Hz], in the order of `INTEGRATORS`

@@ -24,7 +24,7 @@ from insnav.units import DEG
 
 FEWEST = 100  # least number of epochs
 BLOCKS = 10  # parts of a drive for the jackknife, as errors of neighbouring epochs are correlated
-TURNED = 0.3  # least direction change, as the RMS distance of unit vectors from their mean [-]
+TURNED = 0.3  # least spread of headings: RMS distance of forward unit vectors from their mean [-]
 _CLEAR = 5.0  # least significance of another reference point, in standard deviations
 LEAST = 0.05  # least distance of another reference point [m]
 WORTH = 0.8  # another point must reduce the RMS below this share: an inaccurate run has offsets, too [-]

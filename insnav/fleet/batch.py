@@ -362,7 +362,7 @@ def _paired(files: Sequence[Path], roles: _Roles) -> Iterator[tuple[Path, _Parts
         if roles[path] == "both":
             yield path if path.is_dir() else path.with_name(_stem(path)), {"imu": path}, ""
     parts = {part: [path for path in files if roles[path] == part] for part in _PARTS}
-    if len(parts["imu"]) == len(parts["gps"]) == 1 < len(parts["ref"]):  # select references named like one of the two
+    if len(parts["imu"]) == len(parts["gps"]) == 1 < len(parts["ref"]):  # keep references named like IMU or GPS file
         keys = {_key(parts["imu"][0]), _key(parts["gps"][0])}
         parts["ref"] = [path for path in parts["ref"] if _key(path) in keys]
     if max(map(len, parts.values())) == 1 and parts["imu"]:

@@ -397,7 +397,7 @@ def _part(windows: Windows, model: ErrorModel, made: Replicas | None) -> Recorde
 
 
 def verdicts(found: Growth, *, one_sensor: bool = False) -> tuple[Verdict, ...]:
-    """Compare recorded and predicted RMS error at the last time.
+    """Compare recorded and predicted RMS error at the end of the windows.
 
     Errors are explained if their mean square is plausible (chi-square) for the predicted sd, or if their confidence
     interval reaches the prediction. An error common to all windows is one sample. If it is the share c of

@@ -127,7 +127,7 @@ def _sensed(source: Source, motion: SampledMotion) -> tuple[FloatArray | None, F
         rate, force = (-delay[:, None] * np.gradient(value, middle, axis=0) for value in (motion.rate, motion.force))
         return rate, force
     term, (sensitive, driving) = source.error_term, source.element
-    assert term.drive is not None  # true for every term in a budget
+    assert term.drive is not None  # every budget term has a driving signal
     error = np.zeros((len(motion.dt), 3))
     error[:, sensitive] = term.drive(motion.rate, motion.force, since[:, None])[:, driving]
     return (error, None) if source.group == "gyro" else (None, error)

@@ -288,7 +288,7 @@ def _responses(windows: Windows, i: int) -> tuple[FloatArray, FloatArray]:
     cross[:, 0, 1], cross[:, 0, 2], cross[:, 1, 2] = -f[:, 2], f[:, 1], -f[:, 0]
     cross -= np.swapaxes(cross, 1, 2)
     eye = np.tile(np.eye(3), (len(time), 1, 1))
-    attitude = -_integral(time, c)  # attitude error per gyro bias
+    attitude = -_integral(time, c)  # attitude error per unit gyro bias
     v = np.concatenate([_integral(time, c), _integral(time, cross @ attitude)], axis=2)
     p = _integral(time, v)
     v_start = np.concatenate([np.zeros_like(eye), eye, _integral(time, cross)], axis=2)
@@ -348,7 +348,7 @@ class AxisDiagnosis:
     """Diagnosis of one axis."""
 
     axis: str  # ``north`` or ``east``
-    causes: tuple[Cause, ...]  # causes velocity, acceleration, drift
+    causes: tuple[Cause, ...]  # velocity error, acceleration error and gyro drift
     curves: tuple[Curve, ...]  # growth curves, one per window
     terms: dict[str, int]  # number of windows by their required terms
     leading: int  # index of the largest contribution in `CAUSES`

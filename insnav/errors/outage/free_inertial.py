@@ -262,7 +262,7 @@ def reference_from_trajectory(
 
 
 def stationary_fixes(lla: FloatArray, begin: float, end: float, position_sd: float, velocity_sd: float) -> GpsData:
-    """Build fixes of a stationary vehicle, one per second: a bench without a receiver.
+    """Build fixes of a stationary vehicle, one per second, for a bench without a receiver.
 
     `lla` (3,): latitude, longitude [rad], height [m]. `begin`, `end`: first and last time [s]. `position_sd`,
     `velocity_sd`: standard deviation of position and zero velocity, each axis [m], [m/s].

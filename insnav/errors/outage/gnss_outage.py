@@ -330,7 +330,7 @@ def outages(
     rows = free_inertial.window_starts(
         fixes, begin, end, lengths[0], first=first, spacing=spacing, rule="quarter of drive"
     )
-    share = 0.3  # share of the whole drive in the computing time
+    share = 0.3  # share of the computing time for the drive itself
     drive = free_inertial.navigated_drive(ready, ready.gps.time[rows], share_of(progress, 0.0, share))
     assert drive.run.smoothed is not None
     if callable(reference):

@@ -299,7 +299,7 @@ def shapley_effects(gain: FloatArray, covariance: FloatArray, groups: Sequence[S
         inside = [i for k in range(count) if subset >> k & 1 for i in groups[k]]
         across = gain @ covariance[:, inside]
         block = covariance[np.ix_(inside, inside)]
-        # states have different units, so correlations are solved
+        # states have different units, so the equations are solved with correlations instead of covariances
         size = np.sqrt(np.maximum(np.diag(block), 1e-300))
         correlation = block / np.outer(size, size) + _RIDGE * np.eye(len(inside))
         explained[subset] = np.sum((across / size) * solve(correlation, (across / size).T, assume_a="pos").T)
