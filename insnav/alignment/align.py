@@ -21,7 +21,7 @@ LONGER = 10.0  # a stop of the IMU contradicts fixes if it exceeds the stop of t
 AWAY, AWAY_SD = 50.0, 6.0  # a fix farther from a stop than this distance [m] plus this many sd is away from it
 MOST = 0.1  # a larger share of fixes away from a stop is real motion [-]
 SWUNG = 10.0  # displacement of a vehicle that has left its stop, beyond the noise of the fixes [m]
-MOVED = 3.0  # standard deviations of a displacement between two positions that prove motion
+MOVED = 3.0  # a displacement between two positions of more standard deviations proves motion
 CONSENSUS = 9  # number of fixes for a consensus
 # Limit of the distance from the median in robust standard deviations: Student's t, 3 degrees of freedom, two-sided
 # 0.001. The median absolute deviation of nine numbers has 3 degrees of freedom (efficiency 0.37: Huber and Ronchetti,
@@ -319,7 +319,7 @@ def _in_motion(
     rates, _ = static.rates(parts)
     around = np.abs(parts.end - begin) <= 1.0
     turning = float(np.max(np.abs(rates[around].mean(axis=0)))) if around.any() else 0.0
-    # in a turn, the mean course differs from the course at one time, and from antenna to IMU
+    # in a turn, the mean course differs from the course at one time, and the course of the antenna from the IMU's
     angle_sd = float(np.hypot(np.median(speed.sd[near]), turning * lever_sd)) / max(np.hypot(v[0], v[1]), 1e-9)
     course_sd = float(np.sqrt(speed.slip_sd**2 + angle_sd**2 + (turning * max(COURSE_TIME, nearest)) ** 2))
     method = Code.ALIGN_HEADING_CREEPING if speed.creeps else Code.ALIGN_HEADING_COURSE

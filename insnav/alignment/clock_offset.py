@@ -56,7 +56,7 @@ OUTSIDE = 4.0
 # best offset.
 SEEN = 1.5
 DRIVES = 0.15  # least acceleration: on rough ground IMUs sense twice the 0.15 m/s^2 of the fixes [m/s^2]
-ALIKE, UNLIKE = 0.6, 0.4  # significant motion correlates more in one drive, less in different drives [-]
+ALIKE, UNLIKE = 0.6, 0.4  # a larger correlation of motion shows one drive, a smaller correlation two drives [-]
 LONG_ENOUGH = 60.0  # least common time to detect different drives [s]
 AS_IS = 3.0  # smaller offsets are a GPS delay [s]
 DENSE = 6.0  # longer intervals may contain full circles: a flight with a fix every 10 s has r = 0.3 [s]
@@ -141,7 +141,7 @@ def find_clock_offset(parts: Intervals, gps: GpsData, *, worth: float = 0.0) -> 
         unlike = Unlike(*_near(compared))
         return unlike if max(abs(unlike.turns), abs(unlike.accelerations)) < UNLIKE else None
     lag = _best_lag(compared)
-    if compared.span >= DENSE:  # sparse fixes have no better resolution
+    if compared.span >= DENSE:  # the resolution is no better than the interval of sparse fixes
         worth = max(worth, compared.span)
     refined = None if lag is None or abs(lag) < worth - COARSE else _refined(imu, track, lag, compared.span)
     if refined is None or refined.accelerations < -LEAST or max(abs(refined.turns), refined.accelerations) < LEAST:
@@ -193,6 +193,7 @@ def _of_imu(parts: Intervals) -> _Track:
     turn, change = np.empty(n + 1), np.empty((n + 1, 2))
     gyro, accel = parts.gyro * scale, parts.accel * scale
     bias = np.zeros(3)  # a consumer gyro's bias would tilt gravity by 18 deg and corrupt the accelerations
+    # turn about the vertical, and horizontal velocity by a slow gravity estimate
     for _ in range(PASSES):
         level_history(parts.dt, gyro, accel, bias, LEVELLING, turn, change)
     time = np.concatenate([[parts.end[0] - parts.dt[0]], parts.end])
@@ -212,8 +213,8 @@ def _of_gps(gps: GpsData) -> _Track | None:
     # North rotates as the vehicle moves east, which gyros do not sense: near a pole this dominates
     lat = np.interp(speed.time, gps.time, gps.lla[:, 0])
     north = v[:, 1] * np.tan(np.clip(lat, -STEEPEST, STEEPEST)) / A
-    turned = np.concatenate([[0.0], np.cumsum(0.5 * (north[1:] + north[:-1]) * np.diff(speed.time))])
-    course = np.arctan2(v[:, 1], v[:, 0]) - turned
+    rotation = np.concatenate([[0.0], np.cumsum(0.5 * (north[1:] + north[:-1]) * np.diff(speed.time))])
+    course = np.arctan2(v[:, 1], v[:, 0]) - rotation
     v = np.hypot(v[:, 0], v[:, 1])[:, None] * np.column_stack([np.cos(course), np.sin(course)])
     turn = np.zeros(len(v))
     rows = np.flatnonzero(fast)

@@ -41,7 +41,7 @@ class Velocity:
     """GPS velocity, measured or from successive positions."""
 
     time: FloatArray  # (n,) times [s]
-    v_n: FloatArray  # (n, 3) North, East, Down [m/s]
+    v_n: FloatArray  # (n, 3) velocity North, East, Down [m/s]
     sd: FloatArray  # (n,) standard deviation of each horizontal component [m/s]
     slowest: float = SLOWEST  # speed that counts as motion [m/s]
 

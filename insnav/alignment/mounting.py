@@ -88,7 +88,7 @@ def _changes(matrices: FloatArray) -> IntArray:
 def _fewest(gyros: FloatArray, *, mirrored: bool) -> tuple[int, tuple[FloatArray, FloatArray]]:
     """Find the fewest column changes that give right-handed axes: number, and matrices (3, 3) of accel and gyro."""
     accel = np.array([each.T for _, each in _SETS[mirrored]])
-    gyro = (-1.0 if mirrored else 1.0) * accel @ np.sign(gyros)  # a reflected vector turns the other way
+    gyro = (-1.0 if mirrored else 1.0) * accel @ np.sign(gyros)  # a reflection reverses rotations
     count = _changes(accel) + _changes(gyro)
     fewest = int(np.argmin(count))
     return int(count[fewest]), (accel[fewest], gyro[fewest])

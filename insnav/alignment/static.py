@@ -234,8 +234,7 @@ def gyrocompass(rest: StationaryMeans, spec: ImuSpec, lat: float, tilt: float) -
 
     The standard deviation is infinite at the poles and meaningless above about a radian. A `tilt` error (1 sd) [rad]
     about North rotates the vertical part of the Earth rate into East. The bias across the heading is unobservable. If
-    the measured excess contradicts the IMU model, the sd of this bias is twice the excess (3 sd cover 98.6 % of equal
-    biases).
+    the measured excess contradicts the IMU model, the sd of this bias is twice the excess (3 sd cover 98.6 %).
     """
     w = _levelled_rate(rest)
     sd = max(_rate_sd(rest, spec), 2.0 * unexplained_rate(rest, spec, lat))

@@ -209,7 +209,8 @@ def check_reference(
         code = Code.REF_HEADING_AXES if by_course else Code.REF_HEADING_OFFSET
         add(code, angle_rad=constant, limit_rad=LEAST_HEADING)
     turn = None if until is None else turned_in_place(track)
-    by_turn = until is not None and turn is not None and turn[0] < until < turn[1]  # an error of the solution
+    # if the contradiction ends during a turn of the solution at rest, the solution is wrong, not the reference
+    by_turn = until is not None and turn is not None and turn[0] < until < turn[1]
     if until is not None and not by_course and not by_turn:
         largest = float(np.nanmax(np.abs(errors.attitude[errors.time < until, 2])))
         rows = (reference.time < until)[:, None]

@@ -1,9 +1,8 @@
 """Error budget: analytic, predicted, simulated and recorded errors at the same times.
 
 The simulated budget has free-inertial Monte Carlo runs of sampled IMUs on one motion. Every run samples its constant
-errors with `insnav.imu.sample_errors`, and its noise like `insnav.simulate.corrupt_imu`. The compiled loop navigates
-with the mechanization step for recorded data. It neglects the second-order effect of sensor errors on coning and
-sculling.
+errors with `insnav.imu.sample_errors`, and its noise like `insnav.simulate.corrupt_imu`. The compiled loop has
+the mechanization step for recorded data. It neglects second-order effects of sensor errors on coning and sculling.
 """
 
 from __future__ import annotations

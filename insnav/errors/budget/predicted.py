@@ -250,7 +250,7 @@ def processes(source: Source, motion: SampledMotion) -> list[tuple[float, float,
     if source.kind == "Gauss-Markov":
         return [_markov(variance, source.correlation_time)]
     spacing = float(np.median(motion.dt))
-    # duration without the first interval, as in the simulation
+    # processes for the duration without the first interval, as in the simulation
     share, times = flicker_processes(spacing, motion.elapsed[-1] - spacing)
     return [_markov(variance * share**2, tau) for tau in times]
 
@@ -292,8 +292,7 @@ def schuler(kind: Process, order: int, time: ArrayLike, rate: float) -> FloatArr
     The loop ``dv' = -g phi + B``, ``phi' = dv / R - eps`` multiplies the short form of a constant by a factor of
     x = w_s t. For n = 0 to 4 it is ``cos x``, ``sin x / x``, ``2 (1 - cos x) / x^2``, ``6 (x - sin x) / x^3`` and
     ``24 (x^2 / 2 - 1 + cos x) / x^4``. Sources up to n = 3: Groves (2013), section 5.7; Titterton and Weston (2004),
-    chapter 12. For white noise, the squared response of one order
-    less is integrated.
+    chapter 12. White noise: integral of the squared response of one order less.
     """
     x = rate * np.asarray(time, dtype=np.float64)
     if kind in ("ramp", "random walk"):

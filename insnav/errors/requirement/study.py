@@ -53,7 +53,7 @@ _UNITS = tuple(Source(term.sensor, term.name, axis, "constant", 1.0) for term in
 BIAS, IN_RUN, SCALE, CONSIDERED = 9, 15, 21, 27
 SENSED = IN_RUN + len(_UNITS)
 ODOMETER, MOUNTING, BAROMETER, STATES = SENSED, SENSED + 1, SENSED + 3, SENSED + 4
-# a misaligned level accelerometer senses a part of gravity: the filter estimates it as bias
+# a misaligned level accelerometer senses a part of gravity, which the filter estimates as bias
 _AS_BIAS = [IN_RUN + k for k, unit in enumerate(_UNITS) if unit.family == "accel misalignment" and unit.axis[1] == "z"]
 _CONSIDERED = np.setdiff1d(np.arange(CONSIDERED, SENSED), _AS_BIAS)
 # assumed standard deviations of GPS before the outage, of the initial state and of other aiding
@@ -229,6 +229,7 @@ def _process(specs: Sequence[ImuSpec]) -> tuple[FloatArray, FloatArray, FloatArr
 def _predicted(
     P: FloatArray, by_state: FloatArray, by_noise: FloatArray, keep: FloatArray, white: FloatArray, drive: FloatArray
 ) -> FloatArray:
+    # `by_state` propagates the navigation errors from all sensor errors, which decay by `keep`
     top = by_state @ P[:, :SENSED, :]
     out = P * keep[:, :, None] * keep[:, None, :]
     out[:, :NAV, NAV:] = top[:, :, NAV:] * keep[:, None, NAV:]
@@ -260,7 +261,7 @@ def _measured(moved: Propagation, k: int, aiding: Aiding, *, gps: bool, stop: bo
             add(HEADING_SD, (8, 1.0))
     speed = float(np.linalg.norm(v_n))
     if speed > _MOVING:
-        # C_hat = (I - [phi x]) C: the body velocity error is C' (dv + phi x v)
+        # attitude error phi with C_hat = (I - [phi x]) C makes the velocity error in body axes C' (dv + phi x v)
         by_attitude = C_nb.T @ -skew(v_n)
         if aiding.nhc:
             add(NHC_SD, (slice(3, 6), C_nb[:, 1]), (slice(6, 9), by_attitude[1]), (MOUNTING + 1, speed))
@@ -354,8 +355,8 @@ class Candidate:
     grade: str
     provenance: str
     missing: tuple[str, ...]  # undocumented figures, taken from its class
-    alone: Coasting  # the IMU alone
-    nhc: Coasting  # with the non-holonomic constraint
+    alone: Coasting  # error growth of the IMU alone
+    nhc: Coasting  # error growth with the non-holonomic constraint
 
 
 def candidates(required: Requirement, moved: Propagation, parts: Sequence[Part]) -> tuple[Candidate, ...]:
