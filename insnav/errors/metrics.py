@@ -303,6 +303,7 @@ def _interpolated(
     step = np.diff(estimate.time)[index][:, None]
     v_n = _known_velocity(estimate)
     path = ned_offset(estimate.lla[index + 1], estimate.lla[index])
+    # cubic Hermite interpolation of the displacement from the start of the interval
     moved = (
         s * (1.0 - s) ** 2 * step * v_n[index]
         + s**2 * (3.0 - 2.0 * s) * path
