@@ -25,29 +25,29 @@ from insnav.strapdown import Intervals
 from insnav.types import BoolArray, FloatArray, GpsData
 
 FEWEST_TURNS = 20  # least number of useful intervals
-TURNS = 0.04  # RMS turn of useful intervals [rad]
+TURNS = 0.04  # least RMS turn of useful intervals [rad]
 SHARP = 2.5  # the sense of larger turns is ambiguous [rad]
-COARSE = 0.5  # resolution of the best lag, at least [s]
+COARSE = 0.5  # assumed resolution of the best lag [s]
 STEEPEST = 1.55  # latitude, north or south, beyond which the course changes with every metre [rad]
-STEP = 0.1  # of the comparison grid [s]
+STEP = 0.1  # interval of the comparison grid [s]
 SPAN = 1.0  # least interval of turns and velocity changes [s]
 LEVELLING = 30.0  # time constant of the gravity estimate, longer than accelerations [s]
 PASSES = 3  # each pass reduces the effect of gyro bias on gravity to a tenth in five minutes
-LONG = 8.0 * LEVELLING  # longer records can omit their beginning [s]
+LONG = 8.0 * LEVELLING  # records longer than this omit their first `LEVELLING` [s]
 SLOW = 0.8  # below this speed the GPS course is noise [m/s]
 SHORTEST = 20.0  # least overlap of the records [s]
 SHOWN = 0.3  # correlation of turns or accelerations that proves an offset [-]
-SHARE = 0.3  # and least share of the shorter record
-# Turns and accelerations decorrelate over this time, unless their interval is longer. Single turns last as long, and
-# the correlation has a peak that wide [s]
+SHARE = 0.3  # least overlap as a share of the shorter record [-]
+# Turns and accelerations decorrelate over this time, unless their interval is longer. Single turns take as long, and
+# the correlation peak is as wide [s]
 MEMORY = 2.0
 SURE = 15.0  # least log-likelihood gain over no correlation: chance does not reach it at any lag
 AS_TOLD = 0.3  # share of the best log-likelihood that zero offset needs to be accepted
-AS_LIKELY = 0.92  # the same, if nearly all offsets reach it: circles in wind and slow motion have no clear best
-JUDGED = 0.75  # least share of the fixes' motion that is compared at zero offset
-APART = 5.0  # least distance to other lags [s]
-BLOCKS = 12  # of the record, with correlated residuals
-SYSTEMATIC = 0.01  # error by lever arm and levelling, RMS of simulated city drives [s]
+AS_LIKELY = 0.92  # zero offset is kept at this share of the best: circles in wind and slow motion have no clear best
+JUDGED = 0.75  # least share of the fixes' motion that zero offset must compare, to be rejected [-]
+APART = 5.0  # least distance between distinct lags [s]
+BLOCKS = 12  # parts of the record; residuals are correlated within a part
+SYSTEMATIC = 0.01  # offset error by lever arm and levelling, RMS of simulated city drives [s]
 # Residual in standard deviations that indicates a false velocity, if it also exceeds the RMS of the signal. Otherwise
 # every turn of a mostly straight flight would be rejected.
 OUTSIDE = 4.0
@@ -56,28 +56,28 @@ OUTSIDE = 4.0
 # best offset.
 SEEN = 1.5
 DRIVES = 0.15  # least acceleration: on rough ground IMUs sense twice the 0.15 m/s^2 of the fixes [m/s^2]
-ALIKE, UNLIKE = 0.6, 0.4  # correlation of significant motion: same drive above, different drives below [-]
+ALIKE, UNLIKE = 0.6, 0.4  # a larger correlation of motion shows one drive, a smaller correlation two drives [-]
 LONG_ENOUGH = 60.0  # least common time to detect different drives [s]
-AS_IS = 3.0  # smaller offsets are a delay [s]
+AS_IS = 3.0  # smaller offsets are a GPS delay [s]
 DENSE = 6.0  # longer intervals may contain full circles: a flight with a fix every 10 s has r = 0.3 [s]
-NOISE = 2.0  # fixes with more than this multiple of the samples' RMS are noise, whatever their sd
+NOISE = 2.0  # accelerations of fixes beyond this multiple of the samples' RMS are noise, whatever their sd
 # Least refined correlation of turns or accelerations for an offset. Accelerations with the same negative correlation
 # contradict turns: gravity was estimated in a banked turn [-]
 LEAST = 0.5
-# IMU at rest: largest difference of its means over such a time, and least change rate of moving fixes. Consumer biases
+# IMU at rest: averaging time, largest differences of its means, and least acceleration of moving fixes. Consumer biases
 # vary by 0.03 m/s^2 and 0.001 rad/s in ten minutes. Ships, trains and flights may change no faster.
-MEAN, STILL, STILL_TURN, MOVED = 10.0, 0.05, 0.005, 0.3  # [s], [m/s^2], [rad/s], [m/s^2]
+MEAN, STILL, STILL_TURN, MOVED = 10.0, 0.05, 0.005, 0.3  # units: [s], [m/s^2], [rad/s], [m/s^2]
 
 
 @dataclass(frozen=True, slots=True)
 class ClockOffset:
     """Offset of the IMU clock behind the receiver clock."""
 
-    offset: float  # to be added to the times of the IMU [s]
-    sd: float  # standard deviation [s]
+    offset: float  # offset to be added to the times of the IMU [s]
+    sd: float  # standard deviation of the offset [s]
     turns: float  # correlation of turn rates at this offset [-]
     accelerations: float  # correlation of horizontal accelerations [-]
-    overlap: float  # of the records with this offset [s]
+    overlap: float  # common time of the records with this offset [s]
 
     @property
     def is_shown(self) -> bool:
@@ -87,23 +87,23 @@ class ClockOffset:
 
 @dataclass(frozen=True, slots=True)
 class Unlike:
-    """Lack of common motion of IMU and receiver at zero offset: two different drives."""
+    """Evidence of two different drives: no common motion of IMU and receiver at zero offset."""
 
     turns: float  # correlation of turn rates, the best near zero offset [-]
-    accelerations: float  # of horizontal accelerations [-]
-    overlap: float  # of the records [s]
-    at_rest: bool = False  # the IMU is stationary and the fixes move
+    accelerations: float  # correlation of horizontal accelerations [-]
+    overlap: float  # common time of the records [s]
+    at_rest: bool = False  # True if the IMU is stationary while the fixes move
 
 
 @dataclass(frozen=True, slots=True)
 class _Track:
-    """Integrals over a record; their changes are compared."""
+    """Integrated turn and velocity change of a record; their differences over spans are compared."""
 
-    time: FloatArray  # (n,) [s]
-    turn: FloatArray  # (n,) [rad]
-    change: FloatArray  # (n, 2) [m/s]
+    time: FloatArray  # (n,) times of the rows [s]
+    turn: FloatArray  # (n,) turn about the vertical, or course [rad]
+    change: FloatArray  # (n, 2) horizontal velocity, apart from slow changes [m/s]
     turns: BoolArray  # (n,) rows with a known turn
-    known: BoolArray  # (n,)
+    known: BoolArray  # (n,) rows with a known velocity change
     sd: float = 0.0  # scatter of `change`, each component [m/s]
 
 
@@ -111,14 +111,14 @@ class _Track:
 class _Compared:
     """Turns and accelerations of samples and fixes, correlated at every lag."""
 
-    span: float  # interval of the changes [s]
-    lags: FloatArray  # (k,) [s]
+    span: float  # time over which changes are compared [s]
+    lags: FloatArray  # (k,) clock offsets that are compared [s]
     alike: FloatArray  # (2, k) correlation of turns and of accelerations [-]
     common: FloatArray  # (2, k) common time [s]
-    score: FloatArray  # (k,) log-likelihood
+    score: FloatArray  # (k,) log-likelihood of each lag
     most: float  # largest time-weighted mean of both correlations, at the best lag [-]
     felt: float  # RMS acceleration of the samples [m/s^2]
-    seen: float  # and of the fixes
+    seen: float  # RMS acceleration of the fixes [m/s^2]
     judged: float  # share of the fixes' motion that is compared at zero offset [-]
 
 
@@ -136,53 +136,53 @@ def find_clock_offset(parts: Intervals, gps: GpsData, *, worth: float = 0.0) -> 
     compared = _of_tracks(imu, track)
     if compared is None:
         return None
-    shown = max(DRIVES, SEEN * math.sqrt(2.0) * track.sd / compared.span) < compared.seen < NOISE * compared.felt
-    if shown and compared.span < DENSE and compared.most < ALIKE:
+    significant = max(DRIVES, SEEN * math.sqrt(2.0) * track.sd / compared.span) < compared.seen < NOISE * compared.felt
+    if significant and compared.span < DENSE and compared.most < ALIKE:
         unlike = Unlike(*_near(compared))
         return unlike if max(abs(unlike.turns), abs(unlike.accelerations)) < UNLIKE else None
     lag = _best_lag(compared)
-    if compared.span >= DENSE:  # their resolution is no better
+    if compared.span >= DENSE:  # the resolution is no better than the interval of sparse fixes
         worth = max(worth, compared.span)
-    found = None if lag is None or abs(lag) < worth - COARSE else _refined(imu, track, lag, compared.span)
-    if found is None or found.accelerations < -LEAST or max(abs(found.turns), found.accelerations) < LEAST:
+    refined = None if lag is None or abs(lag) < worth - COARSE else _refined(imu, track, lag, compared.span)
+    if refined is None or refined.accelerations < -LEAST or max(abs(refined.turns), refined.accelerations) < LEAST:
         return None
-    return found
+    return refined
 
 
 def likeness(parts: Intervals, *others: GpsData) -> list[float]:
     """Compute the correlation of accelerations between samples and each set of fixes at zero offset; 0: unknown [-]."""
-    imu, found = _of_imu(parts), []
+    imu, correlations = _of_imu(parts), []
     for gps in others:
         track = _of_gps(gps)
         compared = None if track is None or len(imu.time) < 10 else _of_tracks(imu, track)
         _, accelerations, common = (0.0, 0.0, 0.0) if compared is None else _near(compared)
-        found.append(accelerations if common else 0.0)
-    return found
+        correlations.append(accelerations if common else 0.0)
+    return correlations
 
 
 def _at_rest(parts: Intervals, track: _Track) -> float:
-    """Return the common time [s] if the IMU is stationary in all of it while the fixes move; else zero."""
+    """Return the common time if the IMU is always stationary in it and the fixes move [s]; else zero."""
     first, last = max(parts.end[0], track.time[0]), min(parts.end[-1], track.time[-1])
     starts = np.arange(first, last - MEAN, MEAN)
     if last - first < LONG_ENOUGH or not _moves(track, starts):
         return 0.0
-    least, most = np.full((2, 3), np.inf), np.full((2, 3), -np.inf)
+    lowest, highest = np.full((2, 3), np.inf), np.full((2, 3), -np.inf)
     for rows in map(slice, *np.searchsorted(parts.end, (starts, starts + MEAN))):
         duration = parts.dt[rows].sum()
         if duration > 0.0:
             weights = parts.dt[rows] if parts.instant else np.ones(rows.stop - rows.start)
             mean = np.array([weights @ each[rows] for each in (parts.accel, parts.gyro)]) / duration
-            least, most = np.minimum(least, mean), np.maximum(most, mean)
-            if (most - least > np.array([[STILL], [STILL_TURN]])).any():
+            lowest, highest = np.minimum(lowest, mean), np.maximum(highest, mean)
+            if (highest - lowest > np.array([[STILL], [STILL_TURN]])).any():
                 return 0.0
     return float(last - first)
 
 
 def _moves(track: _Track, starts: FloatArray) -> bool:
-    """Return whether the mean velocity of the fixes changes faster than `MOVED` in a tenth of the time."""
+    """Return whether the mean acceleration of the fixes exceeds `MOVED` in a tenth of the time."""
     v = track.change
-    gone = np.vstack([[0.0, 0.0], np.cumsum(0.5 * (v[1:] + v[:-1]) * np.diff(track.time)[:, None], axis=0)])
-    at = [np.column_stack([np.interp(each, track.time, axis) for axis in gone.T]) for each in (starts, starts + MEAN)]
+    path = np.vstack([[0.0, 0.0], np.cumsum(0.5 * (v[1:] + v[:-1]) * np.diff(track.time)[:, None], axis=0)])
+    at = [np.column_stack([np.interp(each, track.time, axis) for axis in path.T]) for each in (starts, starts + MEAN)]
     change = np.linalg.norm(np.diff((at[1] - at[0]) / MEAN, axis=0), axis=1) / MEAN
     return bool(np.percentile(change, 90.0) > MOVED)
 
@@ -193,13 +193,14 @@ def _of_imu(parts: Intervals) -> _Track:
     turn, change = np.empty(n + 1), np.empty((n + 1, 2))
     gyro, accel = parts.gyro * scale, parts.accel * scale
     bias = np.zeros(3)  # a consumer gyro's bias would tilt gravity by 18 deg and corrupt the accelerations
+    # turn about the vertical, and horizontal velocity by a slow gravity estimate
     for _ in range(PASSES):
         level_history(parts.dt, gyro, accel, bias, LEVELLING, turn, change)
     time = np.concatenate([[parts.end[0] - parts.dt[0]], parts.end])
     spill.release()
     known = np.concatenate([[True], parts.gap == 0.0])
     if time[-1] - time[0] > LONG:
-        known[: np.searchsorted(time, time[0] + LEVELLING)] = False  # until gravity is estimated
+        known[: np.searchsorted(time, time[0] + LEVELLING)] = False  # gravity is not yet estimated
     return _Track(time, turn, change, known, known)
 
 
@@ -212,8 +213,8 @@ def _of_gps(gps: GpsData) -> _Track | None:
     # North rotates as the vehicle moves east, which gyros do not sense: near a pole this dominates
     lat = np.interp(speed.time, gps.time, gps.lla[:, 0])
     north = v[:, 1] * np.tan(np.clip(lat, -STEEPEST, STEEPEST)) / A
-    turned = np.concatenate([[0.0], np.cumsum(0.5 * (north[1:] + north[:-1]) * np.diff(speed.time))])
-    course = np.arctan2(v[:, 1], v[:, 0]) - turned
+    rotation = np.concatenate([[0.0], np.cumsum(0.5 * (north[1:] + north[:-1]) * np.diff(speed.time))])
+    course = np.arctan2(v[:, 1], v[:, 0]) - rotation
     v = np.hypot(v[:, 0], v[:, 1])[:, None] * np.column_stack([np.cos(course), np.sin(course)])
     turn = np.zeros(len(v))
     rows = np.flatnonzero(fast)
@@ -226,24 +227,24 @@ def _of_gps(gps: GpsData) -> _Track | None:
 
 
 def _levelled(time: FloatArray, v: FloatArray) -> FloatArray:
-    """Remove slow velocity changes (n, 2) [m/s]: the level of the samples follows them and hides them."""
-    follows = 1.0 - np.exp(-np.diff(time, prepend=time[0]) / LEVELLING)
-    lasting, (north, east) = [], v[0].tolist()
-    for share, (v_north, v_east) in zip(follows.tolist(), v.tolist(), strict=True):
+    """Remove slow changes from velocities (n, 2) [m/s], as the gravity estimate removes them from the samples."""
+    gain = 1.0 - np.exp(-np.diff(time, prepend=time[0]) / LEVELLING)
+    slow, (north, east) = [], v[0].tolist()
+    for share, (v_north, v_east) in zip(gain.tolist(), v.tolist(), strict=True):
         north, east = north + share * (v_north - north), east + share * (v_east - east)
-        lasting.append((north, east))
-    return v - np.array(lasting)
+        slow.append((north, east))
+    return v - np.array(slow)
 
 
 def _over(track: _Track, ends: Sequence[FloatArray]) -> FloatArray:
-    """Compute turn and size of velocity change between pairs of times, (2, m) [rad], [m/s]."""
+    """Compute turn [rad] and size of the velocity change [m/s] between pairs of times, (2, m)."""
     turn = [np.interp(each, track.time, track.turn) for each in ends]
     change = [np.column_stack([np.interp(each, track.time, track.change[:, i]) for i in range(2)]) for each in ends]
     return np.array([turn[1] - turn[0], np.linalg.norm(change[1] - change[0], axis=1)])
 
 
 def _rates(track: _Track, span: float) -> tuple[float, FloatArray, BoolArray]:
-    """Compute turn rate and acceleration over spans, on a grid: its start [s], (2, m) values and (2, m) masks."""
+    """Compute turn rate and acceleration over spans on a grid: grid start [s], values (2, m), masks (2, m)."""
     grid = np.arange(track.time[0] + 0.5 * span, track.time[-1] - 0.5 * span, STEP)
     ends = grid - 0.5 * span, grid + 0.5 * span
     values = _over(track, ends) / span
@@ -252,7 +253,7 @@ def _rates(track: _Track, span: float) -> tuple[float, FloatArray, BoolArray]:
 
 
 def _covered(track: _Track, flags: BoolArray, ends: tuple[FloatArray, FloatArray]) -> BoolArray:
-    """Find spans whose rows are all known, from before the start to after the end."""
+    """Return whether all rows of a span are known, from the last one before it to the first one after it."""
     step = np.diff(track.time)
     bad = np.concatenate([[0], np.cumsum(~flags)])
     gap = np.concatenate([[0], np.cumsum(step > 2.5 * np.median(step))])
@@ -262,7 +263,7 @@ def _covered(track: _Track, flags: BoolArray, ends: tuple[FloatArray, FloatArray
 
 
 def _of_tracks(imu: _Track, track: _Track) -> _Compared | None:
-    """Compare samples and fixes over spans that suit the fixes; None if they are too short."""
+    """Compare samples and fixes over spans of at least two fix intervals; None if the records are too short."""
     span = max(SPAN, 2.0 * float(np.median(np.diff(track.time))))
     return _compared(_rates(imu, span), _rates(track, span), span)
 
@@ -276,60 +277,61 @@ def _compared(
         return None
     lags = gps[0] - imu[0] + (np.arange(n + m - 1) - (n - 1)) * STEP
     score, alike, common = np.zeros(n + m - 1), np.zeros((2, n + m - 1)), np.zeros((2, n + m - 1))
-    felt = seen = inside = judged = 0.0
-    at = np.round((gps[0] - imu[0]) / STEP).astype(int) + np.arange(m)
-    within = (at >= 0) & (at < n)
+    imu_rms = gps_rms = power = judged = 0.0
+    row = np.round((gps[0] - imu[0]) / STEP).astype(int) + np.arange(m)
+    within = (row >= 0) & (row < n)
     for i, (x, mx, y, my) in enumerate(zip(imu[1], imu[2], gps[1], gps[2], strict=True)):
         if not (mx.any() and my.any()):
             continue
-        felt, seen = float(np.std(x[mx])), float(np.std(y[my]))  # accelerations are last
+        imu_rms, gps_rms = float(np.std(x[mx])), float(np.std(y[my]))  # the last round keeps the accelerations
         motion = np.where(my & within, (y - np.median(y[my])) ** 2, 0.0)
-        inside, judged = inside + motion.sum(), judged + motion[within] @ mx[at[within]]
+        power, judged = power + motion.sum(), judged + motion[within] @ mx[row[within]]
         correlation, count = correlate_masked(x, mx, y, my)
         enough = count * STEP >= max(SHORTEST, SHARE * STEP * min(mx.sum(), my.sum()))
         r = np.where(enough, np.clip(correlation, -0.999, 0.999), 0.0)
+        # log-likelihood of a correlation r of n independent values: -n / 2 log(1 - r^2)
         score -= 0.5 * (count * STEP / max(MEMORY, span)) * np.log1p(-(r**2))
         alike[i], common[i] = r, count * STEP
     best = int(np.argmax(score))
     most = float(np.sqrt(np.average(alike[:, best] ** 2, weights=common[:, best] + 1e-9)))
-    return _Compared(span, lags, alike, common, score, most, felt, seen, judged / inside if inside > 0.0 else 1.0)
+    return _Compared(span, lags, alike, common, score, most, imu_rms, gps_rms, judged / power if power > 0.0 else 1.0)
 
 
 def _near(compared: _Compared) -> tuple[float, float, float]:
-    """Return correlation of turns and accelerations at zero offset, 1 if too short, and the common time [s]."""
+    """Return the correlations of turns and accelerations near zero offset, 1 if too short, and the common time [s]."""
     near = np.flatnonzero((abs(compared.lags) < AS_IS) & (compared.common[1] >= LONG_ENOUGH))
     turns, accelerations = (float(max(each[near], key=abs, default=1.0)) for each in compared.alike)
     return turns, accelerations, float(compared.common[1, near].max(initial=0.0))
 
 
 def _best_lag(compared: _Compared) -> float | None:
-    """Find the most likely lag [s], if no other lag is similar."""
+    """Find the most likely lag [s]; None if another lag is nearly as likely."""
     lags, score = compared.lags, compared.score
     best = int(np.argmax(score))
     around = abs(np.arange(len(lags)) - best) * STEP < APART
     second = float(np.max(score[~around], initial=0.0))
     if score[best] < SURE or score[best] < second + 0.5 * SURE:
         return None
-    none = float(np.max(score[np.abs(lags) < COARSE], initial=0.0))
-    if abs(lags[best]) > COARSE and none > AS_LIKELY * score[best]:
+    at_zero = float(np.max(score[np.abs(lags) < COARSE], initial=0.0))
+    if abs(lags[best]) > COARSE and at_zero > AS_LIKELY * score[best]:
         return None
-    as_told = float(np.max(score[(np.abs(lags) < APART) & ~around], initial=0.0))
-    if abs(lags[best]) >= APART and as_told > max(SURE, AS_TOLD * score[best]):
+    near_zero = float(np.max(score[(np.abs(lags) < APART) & ~around], initial=0.0))
+    if abs(lags[best]) >= APART and near_zero > max(SURE, AS_TOLD * score[best]):
         return None  # the motion repeats itself, and zero offset explains it, too
     if abs(lags[best]) >= APART and compared.judged < JUDGED:
-        return None  # mostly where the samples' level has not settled
+        return None  # most motion is where gravity is not yet estimated
     return float(lags[best])
 
 
 def correlate_masked(x: FloatArray, mx: BoolArray, y: FloatArray, my: BoolArray) -> tuple[FloatArray, FloatArray]:
-    """Correlate two series at every lag, over common values; return also the number of these.
+    """Correlate two series at every lag over their common values; also return the number of common values.
 
-    Entry k is for x delayed by ``k - (n - 1)`` steps.
+    Entry k is for x of length n, delayed by ``k - (n - 1)`` steps.
     """
     size = len(x) + len(y) - 1
-    size = min(m << math.ceil(math.log2(size / m)) for m in (1, 3, 5, 9, 15))  # of small factors: their FFT is fast
+    size = min(m << math.ceil(math.log2(size / m)) for m in (1, 3, 5, 9, 15))  # small factors make the FFT fast
     x, y = np.where(mx, x - x[mx].mean(), 0.0), np.where(my, y - y[my].mean(), 0.0)
-    # of values, squares and masks of both: six transforms
+    # six transforms: values, squares and masks of both series
     of_x, square_x, ones_x = (np.fft.rfft(each[::-1], size) for each in (x, x**2, mx.astype(np.float64)))
     of_y, square_y, ones_y = (np.fft.rfft(each, size) for each in (y, y**2, my.astype(np.float64)))
 
@@ -346,76 +348,77 @@ def correlate_masked(x: FloatArray, mx: BoolArray, y: FloatArray, my: BoolArray)
 
 
 def _refined(imu: _Track, gps: _Track, lag: float, span: float) -> ClockOffset | None:
-    """Fit the signal of the fixes by the signal of the samples, over spans between fixes."""
+    """Refine the lag: fit turns and accelerations of the fixes by the samples, over spans between fixes."""
     rows = max(1, round(span / float(np.median(np.diff(gps.time)))))
     ends = gps.time[:-rows], gps.time[rows:]
     if not len(ends[0]):
         return None
     length = ends[1] - ends[0]
     turn, change_of_v = gps.turn[rows:] - gps.turn[:-rows], gps.change[rows:] - gps.change[:-rows]
-    seen = np.array([turn, np.linalg.norm(change_of_v, axis=1)]) / length
+    measured = np.array([turn, np.linalg.norm(change_of_v, axis=1)]) / length
     known = np.array([_covered(gps, flags, ends) for flags in (gps.turns, gps.known)])
 
     def residuals(offset: float) -> tuple[FloatArray, FloatArray, FloatArray]:
-        at = [each - offset for each in ends]
-        inside = (at[0] > imu.time[0]) & (at[1] < imu.time[-1])
-        felt = _over(imu, at) / length
-        use = known & inside & np.array([_covered(imu, imu.known, (at[0], at[1]))] * 2)
-        left, weight, r = np.zeros_like(seen), np.zeros(2), np.zeros(2)
+        shifted = [each - offset for each in ends]
+        inside = (shifted[0] > imu.time[0]) & (shifted[1] < imu.time[-1])
+        sensed = _over(imu, shifted) / length
+        use = known & inside & np.array([_covered(imu, imu.known, (shifted[0], shifted[1]))] * 2)
+        residual, weight, r = np.zeros_like(measured), np.zeros(2), np.zeros(2)
         for i in range(2):
             if np.count_nonzero(use[i]) < 10:
                 continue
             row = np.flatnonzero(use[i])
-            for _ in range(2):  # then once more without false velocities
-                x, y = felt[i, row], seen[i, row]
+            for _ in range(2):  # the second time without false velocities
+                x, y = sensed[i, row], measured[i, row]
                 x, y = x - x.mean(), y - y.mean()
                 power = float(np.sum(x**2))
                 if power == 0.0 or float(np.sum(y**2)) == 0.0:
                     break
                 r[i] = float(np.sum(x * y)) / np.sqrt(power * float(np.sum(y**2)))
                 fitted = float(np.sum(x * y)) / power * x
-                rest = y - fitted
-                left[i], weight[i] = 0.0, 1.0 / max(float(np.mean(rest**2)), 1e-12)
-                left[i, row] = rest
-                beyond = OUTSIDE * (1.4826 * float(np.median(np.abs(rest))) + 1e-9)
-                row = row[np.abs(rest) < max(beyond, float(np.sqrt(np.mean(fitted**2))))]
+                misfit = y - fitted
+                residual[i], weight[i] = 0.0, 1.0 / max(float(np.mean(misfit**2)), 1e-12)
+                residual[i, row] = misfit
+                limit = OUTSIDE * (1.4826 * float(np.median(np.abs(misfit))) + 1e-9)
+                row = row[np.abs(misfit) < max(limit, float(np.sqrt(np.mean(fitted**2))))]
                 if row.size < 10:
                     break
-        return left, weight, r
+        return residual, weight, r
 
+    # search on a grid around the lag, then Gauss-Newton
     offsets = np.arange(lag - MEMORY, lag + MEMORY, 0.05)
-    likelihood = [_likelihood(left, r) for left, _, r in map(residuals, offsets)]
+    likelihood = [_likelihood(residual, r) for residual, _, r in map(residuals, offsets)]
     at = float(offsets[int(np.argmax(likelihood))])
-    sd, apart, step = np.inf, 0.0, 1e-2
+    sd, split, step = np.inf, 0.0, 1e-2
     for _ in range(20):
-        left, weight, r = residuals(at)
+        residual, weight, r = residuals(at)
         slope = (residuals(at + step)[0] - residuals(at - step)[0]) / (2.0 * step)
         weighted = weight[:, None] * slope
         power = float(np.sum(weighted * slope))
         if power <= 0.0:
             return None
-        change = -float(np.sum(weighted * left)) / power
-        gradient = np.sum(weighted * left, axis=0)
+        change = -float(np.sum(weighted * residual)) / power
+        gradient = np.sum(weighted * residual, axis=0)
         blocks = [float(np.sum(part)) for part in np.array_split(gradient, BLOCKS)]
         sd = float(np.sqrt(np.sum(np.square(blocks)) * BLOCKS / (BLOCKS - 1.0))) / power
-        each = np.sum(weighted * slope, axis=1)
-        alone = -np.sum(weighted * left, axis=1) / np.where(each > 0.0, each, np.inf)  # each kind separately
-        apart = float(np.abs(alone[0] - alone[1])) if (each > 0.0).all() else 0.0
+        info = np.sum(weighted * slope, axis=1)
+        alone = -np.sum(weighted * residual, axis=1) / np.where(info > 0.0, info, np.inf)  # turns, accelerations alone
+        split = float(np.abs(alone[0] - alone[1])) if (info > 0.0).all() else 0.0
         at += float(np.clip(change, -0.2, 0.2))
         if abs(change) < 1e-4:
             break
     common = min(float(gps.time[-1]), float(imu.time[-1]) + at) - max(float(gps.time[0]), float(imu.time[0]) + at)
-    return ClockOffset(at, float(np.linalg.norm([sd, SYSTEMATIC, 0.5 * apart])), float(r[0]), float(r[1]), common)
+    return ClockOffset(at, float(np.linalg.norm([sd, SYSTEMATIC, 0.5 * split])), float(r[0]), float(r[1]), common)
 
 
 def _likelihood(left: FloatArray, r: FloatArray) -> float:
-    """Compute the log-likelihood of the fixes by the samples: logarithm of residuals, weighted by rows."""
+    """Compute the log-likelihood of the correlations `r` (2,), weighted by the number of nonzero residuals `left`."""
     count = np.count_nonzero(left, axis=1)
     return float(np.sum(-0.5 * count * np.log1p(-(np.clip(r, -0.9999, 0.9999) ** 2))))
 
 
 def turn_scale(parts: Intervals, gps: GpsData) -> tuple[float, float]:
-    """Compute the ratio of course turns to gyro turns, and their correlation; zeros without turns.
+    """Compute the ratio of course turns to gyro turns, and the correlation of both; zeros without turns.
 
     Gyro turns are about the mean specific force, which is near vertical in ground vehicles.
     """
@@ -428,17 +431,17 @@ def turn_scale(parts: Intervals, gps: GpsData) -> tuple[float, float]:
     turn: FloatArray = np.cumsum((parts.gyro * scale) @ (-up / max(float(np.linalg.norm(up)), 1e-9)))
     step = max(1, round(MEMORY / max(float(np.median(np.diff(speed.time))), 1e-3)))
     first, last = rows[:-step], rows[step:]
-    whole = (last - first == step) & (speed.time[first] > parts.end[0]) & (speed.time[last] < parts.end[-1])
-    first, last = first[whole], last[whole]
+    complete = (last - first == step) & (speed.time[first] > parts.end[0]) & (speed.time[last] < parts.end[-1])
+    first, last = first[complete], last[complete]
     course = np.unwrap(np.arctan2(speed.v_n[:, 1], speed.v_n[:, 0]))
-    seen = course[last] - course[first]
-    felt = np.interp(speed.time[last], parts.end, turn) - np.interp(speed.time[first], parts.end, turn)
-    small = np.abs(seen) < SHARP
+    course_turn = course[last] - course[first]
+    gyro_turn = np.interp(speed.time[last], parts.end, turn) - np.interp(speed.time[first], parts.end, turn)
+    small = np.abs(course_turn) < SHARP
     if np.count_nonzero(small) < FEWEST_TURNS:
         return 0.0, 0.0
-    seen, felt = seen[small] - seen[small].mean(), felt[small] - felt[small].mean()
-    power = float(np.sum(felt**2))
-    if float(np.std(seen)) < TURNS or power == 0.0:
+    course_turn, gyro_turn = course_turn[small] - course_turn[small].mean(), gyro_turn[small] - gyro_turn[small].mean()
+    power = float(np.sum(gyro_turn**2))
+    if float(np.std(course_turn)) < TURNS or power == 0.0:
         return 0.0, 0.0
-    both = float(np.sum(seen * felt))
-    return both / power, both / float(np.sqrt(power * np.sum(seen**2)))
+    both = float(np.sum(course_turn * gyro_turn))
+    return both / power, both / float(np.sqrt(power * np.sum(course_turn**2)))

@@ -18,29 +18,30 @@ from insnav.strapdown import Intervals, between
 from insnav.types import Alignment, BoolArray, FloatArray, GpsData, IntArray
 from insnav.units import G0
 
-SLOWEST = 2.0  # below this, GPS velocity noise changes the course by degrees [m/s]
-CRAWL = 0.7  # limit for robots and boats that are never faster, with a larger course sd [m/s]
+SLOWEST = 2.0  # below this speed, GPS velocity noise changes the course by degrees [m/s]
+CRAWL = 0.7  # speed limit instead of `SLOWEST` for slow robots and boats, with a larger course sd [m/s]
 SURELY = 3.0  # a spike of the positions resembles motion for less than this [s]
-SPAN = 15.0  # length of motion for a heading: longer, gyro drift dominates [s]
-SLIP_SD = np.deg2rad(3.0)  # between direction of travel and the body's forward axis: slip and mounting
+SPAN = 15.0  # length of motion for a heading; gyro drift dominates beyond it [s]
+SLIP_SD = np.deg2rad(3.0)  # sd of the angle from travel to the body's forward axis, by slip and mounting
 CREEP = SLIP_SD * SLOWEST / np.deg2rad(30.0)  # below this speed the course is dominated by slip [m/s]
-SEEN = 0.1  # before and after a fix: longest smoothing in a receiver [s]
+SEEN = 0.1  # time before and after a fix in which a receiver may smooth the velocity [s]
 DIFFERENCE = 2.0  # base of velocities from positions: 1 m of noise gives 0.7 m/s [s]
-LONGER = 5.0, 10.0  # longer bases if no motion is significant: positions as poor as a telephone's [s]
-STEADY = 300.0  # longest motion for the gyro bias by the course: turns dominate beyond [s]
-CHANGING = 1.0 / 3.0  # changing share of the slip: crabbing and mounting are constant
-FEWEST = 10  # epochs in this motion
+LONGER = 5.0, 10.0  # longer bases if no motion is significant, for positions as inaccurate as a phone's [s]
+STEADY = 300.0  # longest motion for the gyro bias from the course; turns dominate beyond it [s]
+CHANGING = 1.0 / 3.0  # share of the slip that changes with time, unlike crabbing and mounting [-]
+FEWEST = 10  # least number of epochs in this motion
 SUDDEN = 30.0  # no vehicle accelerates more [m/s^2]
-CLEAR_SD = np.deg2rad(20.0)  # of the direction of acceleration, beyond which it is not used
-TURNED, REVERSED = np.deg2rad(40.0), np.deg2rad(30.0)  # least acceleration-course angle; largest from pi if reversing
+CLEAR_SD = np.deg2rad(20.0)  # largest usable sd of the direction of acceleration
+# angle of acceleration from course: beyond TURNED the IMU is rotated; within REVERSED of pi the vehicle reverses [rad]
+TURNED, REVERSED = np.deg2rad(40.0), np.deg2rad(30.0)
 
 
 @dataclass(frozen=True, slots=True)
 class Velocity:
     """GPS velocity, measured or from successive positions."""
 
-    time: FloatArray  # (n,) [s]
-    v_n: FloatArray  # (n, 3) North, East, Down [m/s]
+    time: FloatArray  # (n,) times [s]
+    v_n: FloatArray  # (n, 3) velocity North, East, Down [m/s]
     sd: FloatArray  # (n,) standard deviation of each horizontal component [m/s]
     slowest: float = SLOWEST  # speed that counts as motion [m/s]
 
@@ -52,7 +53,7 @@ class Velocity:
 
     @property
     def span(self) -> float:
-        """Length of motion for a heading: two epochs at least [s]."""
+        """Length of motion for a heading, at least two epochs [s]."""
         return max(SPAN, 1.5 * interval_of(self.time))
 
     @property
@@ -71,12 +72,12 @@ class Velocity:
 class History:
     """Attitude by gyros alone and integrated specific force, at interval ends from the start."""
 
-    time: FloatArray
-    q_nb: FloatArray
-    u_n: FloatArray
+    time: FloatArray  # (n,) interval ends [s]
+    q_nb: FloatArray  # (n, 4) attitude quaternion
+    u_n: FloatArray  # (n, 3) integrated specific force in the axes of `q_nb` [m/s]
 
     def heading(self, time: FloatArray) -> FloatArray:
-        """Return heading at the interval ends nearest to `time` [rad]."""
+        """Return the heading at the first interval ends that are not before `time` [rad]."""
         return np.asarray(rph_from_quat(self.q_nb[self.nearest(time)])[..., 2])
 
     def integral(self, time: FloatArray) -> FloatArray:
@@ -90,7 +91,7 @@ class History:
         return np.vstack([np.zeros(3), moved])
 
     def nearest(self, time: FloatArray) -> IntArray:
-        """Return the first rows at interval ends that are not before `time`."""
+        """Return the rows of the first interval ends that are not before `time`."""
         return np.clip(np.searchsorted(self.time, time), 0, self.time.shape[0] - 1)
 
 
@@ -110,7 +111,7 @@ def positions_alone(gps: GpsData) -> GpsData:
 
 
 def velocity(gps: GpsData, difference: float = DIFFERENCE) -> Velocity:
-    """Return velocities of the receiver if most epochs have them, else from positions `difference` seconds apart."""
+    """Return receiver velocities if most epochs have them, else from positions `difference` seconds apart."""
     if gives_velocities(gps):
         known = np.isfinite(gps.v_n).all(axis=1)
         return Velocity(gps.time[known], gps.v_n[known], gps.velocity_sd[known, :2].max(axis=1))
@@ -138,7 +139,7 @@ def interval_of(time: FloatArray) -> float:
 def history(
     parts: Intervals, start: float, end: float, rph: FloatArray, bias: FloatArray, lat: float | None
 ) -> History:
-    """Integrate gyros and specific force from `rph` at `start` to `end`. `lat`: None if Earth's rate is in `bias`."""
+    """Integrate gyros and specific force from `rph` at `start` to `end`. `lat`: None if `bias` includes Earth rate."""
     first, last = np.searchsorted(parts.end, [start + 1e-6, end], side="right")
     dt = parts.dt[first:last]
     scale = dt[:, None] if parts.instant else 1.0
@@ -151,7 +152,7 @@ def history(
 
 
 def at_imu(gps: GpsData, parts: Intervals, found: Alignment, lever_b: FloatArray) -> GpsData:
-    """Move fixes from antenna to IMU: subtract the lever arm in the alignment's attitude, and its velocity.
+    """Move fixes from antenna to IMU: subtract lever arm and its velocity, with the attitude of an alignment.
 
     `parts`: samples as intervals, around the alignment `found`. `lever_b`: (3,) antenna seen from the IMU [m].
     """
@@ -172,9 +173,9 @@ def at_imu(gps: GpsData, parts: Intervals, found: Alignment, lever_b: FloatArray
 def start_velocity(parts: Intervals, found: Alignment, gps: GpsData, lever_sd: float) -> tuple[FloatArray, FloatArray]:
     """Estimate velocity at the alignment's first fix from positions and specific force; its sd, (3,) [m/s].
 
-    The displacement to another fix is ``v t + 1/2 g t^2`` plus twice integrated specific force. With time, position
-    noise matters less and the level error more: the best fix is used. `lever_sd`: standard deviation of the lever arm,
-    whose rotation moves the antenna relative to the IMU [m].
+    The displacement to another fix is ``v t + 1/2 g t^2`` plus twice integrated specific force. With time t, the effect
+    of position noise falls and the effect of the level error grows: the fix with the smallest sd is used. `lever_sd`:
+    standard deviation of the lever arm, whose rotation moves the antenna relative to the IMU [m].
     Raises: AlignmentError: the samples contain no other fix.
     """
     later = gps.rows(np.flatnonzero((gps.time >= found.time - 1e-6) & (gps.time <= parts.end[-1])))
@@ -182,30 +183,30 @@ def start_velocity(parts: Intervals, found: Alignment, gps: GpsData, lever_sd: f
         raise too_sparse(interval_of(gps.time))
     track = history(parts, found.time, float(later.time[-1]), found.rph, found.gyro_bias, gps.lla[0, 0])
     time, rows, before = later.time[1:] - later.time[0], track.nearest(later.time[1:]), track.integral(later.time[:1])
-    pushed = np.diff(between(track.time, track.way, later.time)[1], axis=0).cumsum(axis=0) - before * time[:, None]
-    pushed += 0.5 * gravity_n(later.lla[0, 0], later.lla[0, 2]) * time[:, None] ** 2
-    turned = np.linalg.norm(dcm_from_quat(track.q_nb[rows]) - dcm_from_quat(track.q_nb[0]), axis=(1, 2))
-    noise = np.hypot(later.position_sd[1:], later.position_sd[0]) + (turned * lever_sd)[:, None]
+    by_force = np.diff(between(track.time, track.way, later.time)[1], axis=0).cumsum(axis=0) - before * time[:, None]
+    by_force += 0.5 * gravity_n(later.lla[0, 0], later.lla[0, 2]) * time[:, None] ** 2
+    rotation = np.linalg.norm(dcm_from_quat(track.q_nb[rows]) - dcm_from_quat(track.q_nb[0]), axis=(1, 2))
+    noise = np.hypot(later.position_sd[1:], later.position_sd[0]) + (rotation * lever_sd)[:, None]
     sd = np.hypot(noise / time[:, None], 0.5 * G0 * np.hypot(*found.sd[:2]) * time[:, None])
     best = int(np.argmin(np.linalg.norm(sd, axis=1)))
-    return (ned_offset(later.lla[1 + best], later.lla[0]) - pushed[best]) / time[best], sd[best]
+    return (ned_offset(later.lla[1 + best], later.lla[0]) - by_force[best]) / time[best], sd[best]
 
 
 @dataclass(frozen=True, slots=True)
 class Course:
     """Heading at the start of a history, estimated from motion."""
 
-    heading: float  # [rad]
-    sd: float
-    method: Code
+    heading: float  # heading at the start [rad]
+    sd: float  # standard deviation of the heading [rad]
+    method: Code  # code of the method
 
 
 def first_motion(speed: Velocity, start: float) -> float | None:
-    """Find the first time of significant motion: for `SURELY` seconds at every epoch, at least two [s].
+    """Find the first time from which all epochs, at least two, show significant motion for `SURELY` seconds [s].
 
     A creeping vehicle must move for `SPAN`.
     """
-    # with an sd four times too small, 0.46 of the speeds at rest are fast, fifteen in a row once in 100 000
+    # if the sd is four times too small, 46 % of the speeds at rest are fast, and fifteen in a row once in 100 000
     surely = max(SPAN if speed.creeps else SURELY, 1.5 * interval_of(speed.time))
     fast = speed.fast & (speed.time >= start)
     slow = np.concatenate([[0], np.cumsum(~fast)])
@@ -216,25 +217,25 @@ def first_motion(speed: Velocity, start: float) -> float | None:
 
 
 def _leaves(gps: GpsData, start: float) -> bool:
-    """Return whether positions leave the first position: velocity errors may persist for minutes."""
-    here = gps.rows(np.flatnonzero(gps.time >= start))
-    way = np.linalg.norm(ned_offset(here.lla, here.lla[:1])[:, :2], axis=1)
-    sd = here.position_sd[:, :2].max(axis=1)
-    return bool(is_clear(way, np.hypot(sd, sd[:1])).any())
+    """Return whether positions leave the first one significantly, as persistent velocity errors resemble motion."""
+    later = gps.rows(np.flatnonzero(gps.time >= start))
+    distance = np.linalg.norm(ned_offset(later.lla, later.lla[:1])[:, :2], axis=1)
+    sd = later.position_sd[:, :2].max(axis=1)
+    return bool(is_clear(distance, np.hypot(sd, sd[:1])).any())
 
 
 def sure_motion(gps: GpsData, start: float, hidden: float = np.inf) -> tuple[Velocity, float | None]:
     """Compute velocity, from positions on the shortest usable base, and the first time of significant motion.
 
-    If velocities scatter too much for that, as of a walk at 5 Hz, positions replace them. Longer bases, which show the
-    motion of slow ships, are used if shorter bases mask it for more than `hidden` [s]. With longer bases a stationary
-    vehicle may seem to move.
+    If velocities scatter too much to show motion, as of a pedestrian at 5 Hz, positions replace them. Longer bases show
+    the motion of slow ships, but a stationary vehicle may seem to move. They are used if shorter bases mask the motion
+    for more than `hidden` [s].
     """
-    measured = [[velocity(gps)]] if gives_velocities(gps) else []
-    placed = [velocity(positions_alone(gps), difference) for difference in (DIFFERENCE, *LONGER)]
+    by_receiver = [[velocity(gps)]] if gives_velocities(gps) else []
+    by_position = [velocity(positions_alone(gps), difference) for difference in (DIFFERENCE, *LONGER)]
     paces = SLOWEST, CRAWL, *([CREEP] if _leaves(gps, start) else [])
-    for by, slowest in itertools.product((*measured, placed), paces):
-        speeds = [replace(speed, slowest=slowest) for speed in by]
+    for candidates, slowest in itertools.product((*by_receiver, by_position), paces):
+        speeds = [replace(speed, slowest=slowest) for speed in candidates]
         found = [(speed, moving) for speed in speeds if (moving := first_motion(speed, start)) is not None]
         if found:
             soon = min(moving for _, moving in found) + hidden
@@ -252,46 +253,47 @@ def course_heading(
     between forward and reverse, and replaces the course if the IMU is rotated in the vehicle.
 
     `track` starts with heading zero and covers `Velocity.span` after `moving`, the time from `first_motion` [s].
-    `drift_sd`: standard deviation of the gyro bias [rad/s]. `tilt`: of the level [rad]. None with too few epochs in
+    `drift_sd`: standard deviation of the gyro bias [rad/s]. `tilt`: sd of the level [rad]. None with too few epochs in
     motion.
     """
     use = speed.fast & (speed.time >= moving) & (speed.time <= min(moving + speed.span, track.time[-1]))
     if use.sum() < 2:
         return None
     time, v, sd = speed.time[use], speed.v_n[use], speed.sd[use]
-    turned = track.heading(time)
+    gyro_heading = track.heading(time)
     weight = (v[:, 0] ** 2 + v[:, 1] ** 2) / sd**2
-    angle = np.arctan2(v[:, 1], v[:, 0]) + yaw - turned
+    angle = np.arctan2(v[:, 1], v[:, 0]) + yaw - gyro_heading
     mean = np.arctan2(np.sum(weight * np.sin(angle)), np.sum(weight * np.cos(angle)))
     scatter = np.sqrt(np.sum(weight * wrap_pi(angle - mean) ** 2) / np.sum(weight))
     drift = drift_sd * (time.mean() - track.time[0])
     course_sd = float(np.sqrt(speed.slip_sd**2 + 1.0 / weight.sum() + scatter**2 / min(use.sum(), 5) + drift**2))
 
+    # rotation from velocity changes by the accelerometers to the same changes by GPS
     window = (speed.time >= max(track.time[0], moving - SPAN)) & (speed.time <= time[-1])
     t, gps_v = speed.time[window], speed.v_n[window, :2]
     step = max(1, round(1.0 / max(float(np.median(np.diff(t))), 1e-3))) if t.size > 2 else 1
-    seen = np.diff(gps_v[::step], axis=0)
-    felt = np.diff(track.integral(t[::step])[:, :2], axis=0)
-    strength = float(np.sum(felt**2))
-    agree = np.arctan2(
-        np.sum(felt[:, 0] * seen[:, 1] - felt[:, 1] * seen[:, 0]),
-        np.sum(felt[:, 0] * seen[:, 0] + felt[:, 1] * seen[:, 1]),
+    gps = np.diff(gps_v[::step], axis=0)
+    imu = np.diff(track.integral(t[::step])[:, :2], axis=0)
+    strength = float(np.sum(imu**2))
+    rotation = np.arctan2(
+        np.sum(imu[:, 0] * gps[:, 1] - imu[:, 1] * gps[:, 0]),
+        np.sum(imu[:, 0] * gps[:, 0] + imu[:, 1] * gps[:, 1]),
     )
-    leak = 9.8 * tilt * (t[-1] - t[0]) / np.sqrt(max(seen.shape[0], 1))
-    felt_sd = float(np.sqrt((2.0 * np.median(sd) ** 2 + leak**2) / max(strength, 1e-12)))
-    apart = abs(float(wrap_pi(agree - mean)))
-    if felt_sd < CLEAR_SD and apart > max(TURNED, 4.0 * felt_sd):
-        if apart > np.pi - max(REVERSED, 3.0 * felt_sd):
+    level_error = 9.8 * tilt * (t[-1] - t[0]) / np.sqrt(max(gps.shape[0], 1))
+    felt_sd = float(np.sqrt((2.0 * np.median(sd) ** 2 + level_error**2) / max(strength, 1e-12)))
+    angle_between = abs(float(wrap_pi(rotation - mean)))
+    if felt_sd < CLEAR_SD and angle_between > max(TURNED, 4.0 * felt_sd):
+        if angle_between > np.pi - max(REVERSED, 3.0 * felt_sd):
             return Course(float(wrap_pi(mean + np.pi)), course_sd, Code.ALIGN_HEADING_REVERSING)
         sd_turned = float(np.hypot(2.0 * felt_sd, drift))
-        return Course(float(agree), sd_turned, Code.ALIGN_HEADING_ACCELERATION)
+        return Course(float(rotation), sd_turned, Code.ALIGN_HEADING_ACCELERATION)
     return Course(float(mean), course_sd, Code.ALIGN_HEADING_COURSE)
 
 
 def bias_by_course(parts: Intervals, found: Alignment, speed: Velocity, lat: float) -> tuple[float, float]:
     """Estimate the vertical gyro bias and its sd [rad/s] by the course of a vehicle that moves forward.
 
-    The gyro heading drifts from the course by the bias. Changes of slip are inseparable from it. Residuals ``rms`` of a
+    The gyro heading drifts from the course at the rate of the bias. Changes of slip resemble it. Residuals ``rms`` of a
     straight line give the sd ``sqrt(12) rms / span`` of a slope with errors at its ends. The span ends with the first
     epoch that is not fast. Returns: zero and infinity with too few epochs.
     """
@@ -303,9 +305,9 @@ def bias_by_course(parts: Intervals, found: Alignment, speed: Velocity, lat: flo
         return 0.0, np.inf
     time, v_n = time[use], speed.v_n[use]
     track = history(parts, found.time, float(time[-1]), found.rph, found.gyro_bias, lat)
-    apart = np.unwrap(track.heading(time) - np.arctan2(v_n[:, 1], v_n[:, 0]))
-    slope, offset = np.polyfit(time - time[0], apart, 1)
-    rms = float(np.std(apart - slope * (time - time[0]) - offset))
+    drift = np.unwrap(track.heading(time) - np.arctan2(v_n[:, 1], v_n[:, 0]))
+    slope, offset = np.polyfit(time - time[0], drift, 1)
+    rms = float(np.std(drift - slope * (time - time[0]) - offset))
     return float(slope), float(np.sqrt(12.0) * np.hypot(rms, CHANGING * speed.slip_sd) / (time[-1] - time[0]))
 
 
@@ -327,27 +329,27 @@ def level_in_motion(
     if whole is None:
         return None
     rph, acceleration_sd, acceleration = whole
-    apart = 0.0 if half is None else float(np.hypot(*(half[0] - rph)[:2]))
-    return rph, float(np.hypot(acceleration_sd / G0, apart)), acceleration
+    difference = 0.0 if half is None else float(np.hypot(*(half[0] - rph)[:2]))
+    return rph, float(np.hypot(acceleration_sd / G0, difference)), acceleration
 
 
 def _level(
     parts: Intervals, start: float, end: float, speed: Velocity, lla: FloatArray, yaw: float
 ) -> tuple[FloatArray, float, float] | None:
-    """Estimate attitude from one span, with standard deviation and size of the mean acceleration [m/s^2]."""
-    near = max(1.5, 1.5 * interval_of(speed.time))
-    first = np.abs(speed.time - start) <= near
-    last = np.abs(speed.time - end) <= near
+    """Estimate the attitude from one span, and standard deviation and size of the mean acceleration [m/s^2]."""
+    close = max(1.5, 1.5 * interval_of(speed.time))
+    first = np.abs(speed.time - start) <= close
+    last = np.abs(speed.time - end) <= close
     if not first.any() or not last.any():
         return None
     t0, v0 = speed.time[first].mean(), speed.v_n[first].mean(axis=0)
     t1, v1 = speed.time[last].mean(), speed.v_n[last].mean(axis=0)
-    if t1 <= t0:  # too sparse fixes: both ends use the same velocities
+    if t1 <= t0:  # fixes are so sparse that both ends use the same velocities
         return None
     slope = (v1 - v0) / (t1 - t0)
     heading = course = float(np.arctan2(v0[1], v0[0])) + yaw
     g = gravity_n(lla[0], lla[2])
-    wanted = slope - g
+    expected = slope - g
     rph = np.array([0.0, 0.0, heading])
     for _ in range(8):
         track = history(parts, start, end, rph, np.zeros(3), lla[0])
@@ -356,9 +358,9 @@ def _level(
         heading = course - float(wrap_pi(turned)[0])
         ends = track.integral(np.array([max(t0, track.time[0]), min(t1, track.time[-1])]))
         mean = (ends[1] - ends[0]) / (t1 - t0)
-        turn = np.cross(mean, wanted)
+        turn = np.cross(mean, expected)
         length = float(np.linalg.norm(turn))
-        angle = np.arctan2(length, mean @ wanted)
+        angle = np.arctan2(length, mean @ expected)
         if length == 0.0 or (angle < 1e-7 and abs(float(wrap_pi(rph[2] - heading))) < 1e-7):
             break
         axis = turn / length * angle

@@ -24,35 +24,35 @@ from insnav.types import Alignment, BoolArray, FloatArray
 from insnav.units import G0
 
 WINDOW = 0.5  # length of the classified windows: several periods of an idling engine [s]
-FEWEST = 10  # samples per mean
-SHORTEST = 3.0  # a shorter stop levels no better than the first fixes [s]
-CALM_ACCEL, CALM_GYRO = 0.3, 0.03  # quiet below these without GPS: standard deviation [m/s^2], [rad/s] ...
-QUIET_FACTOR = 4.0  # ... and up to this many times the quietest tenth of the record
-LOUD_ACCEL, LOUD_GYRO = 1.0, 0.15  # never quiet above, even with an engine running: sd [m/s^2], [rad/s]
-TURNING = 0.01  # mean rate relative to the median of quiet windows that is a turn: 0.6 deg/s [rad/s]
-PUSHED = 0.2  # change of mean specific force between windows that is a motion: 0.02 g [m/s^2]
-# A soft departure changes them less, but for longer: deviation of means in robust standard deviations, least deviation
-# [m/s^2], [rad/s], duration [s]. A quieter IMU detects it earlier.
+FEWEST = 10  # least number of samples in a mean
+SHORTEST = 3.0  # a shorter stop gives the level no better than the first fixes [s]
+CALM_ACCEL, CALM_GYRO = 0.3, 0.03  # largest sd in a quiet window without GPS [m/s^2], [rad/s]
+QUIET_FACTOR = 4.0  # a quiet window may also have this multiple of the sd in the quietest tenth of the record
+LOUD_ACCEL, LOUD_GYRO = 1.0, 0.15  # largest sd in any quiet window, even with an engine running [m/s^2], [rad/s]
+TURNING = 0.01  # difference of a mean rate from the median of quiet windows in a turn: 0.6 deg/s [rad/s]
+PUSHED = 0.2  # change of mean specific force between windows in motion: 0.02 g [m/s^2]
+# A soft departure changes rate and force less, but for longer: deviation of means in robust standard deviations, least
+# deviation [m/s^2], [rad/s], duration [s]. A quieter IMU detects it earlier.
 DEPARTED, DEPARTED_ACCEL, DEPARTED_GYRO, DEPARTED_TIME = 6.0, 1e-3, 1e-5, 2.0
 COMPARED = 60.0  # means of windows are compared with earlier windows of this span, at least of `SHORTEST` [s]
 # In a longer initial stop the attitude is constant. Drifting gyros would rotate an unknown lever arm and make it
 # observable. Horizontal noise would reduce the heading sd, 25 -> 5 deg in 15 min, by linearisation (see
-# `insnav.filter.delay_and_lever.with_surer_start`). Attitude changes are measured in means of this length. A stop
-# without departure soon after it starts no drive [s].
+# `insnav.filter.delay_and_lever.with_surer_start`). Attitude changes are measured by means over SWAYED. A stop that
+# ends within LEFT of the end of the record starts no drive [s].
 LONG_REST, SWAYED, LEFT = 300.0, 10.0, 1.0
 ROCKS = np.deg2rad(0.5)  # level change between parts, beyond the effect of boarding passengers [rad]
-CONTRADICTED = 5.0  # beyond so many sd from the Earth's rotation, the bias exceeds the IMU model
+CONTRADICTED = 5.0  # a rate farther from the Earth's rotation contradicts the IMU model [sd]
 
 
 @dataclass(frozen=True, slots=True)
 class StationaryMeans:
     """Means over a stationary interval."""
 
-    start: float  # the interval [s]
+    start: float  # start and end of the interval [s]
     end: float
     rate: FloatArray  # (3,) mean angular rate [rad/s] and specific force [m/s^2] in body axes
     force: FloatArray
-    rate_sd: FloatArray  # (3,) standard deviation of these means, from the scatter of the means of ten parts
+    rate_sd: FloatArray  # (3,) standard deviation of both means, from the scatter of ten partial means
     force_sd: FloatArray
 
 
@@ -65,7 +65,7 @@ def rates(parts: Intervals, rows: slice = slice(None)) -> tuple[FloatArray, Floa
 
 
 def summarize(parts: Intervals, start: float, end: float) -> StationaryMeans:
-    """Compute means over the intervals that end in (start, end]."""
+    """Compute mean rate and specific force over the sample intervals that end in (start, end] [s]."""
     rate, force = rates(parts, slice(*np.searchsorted(parts.end, [start, end], side="right")))
     if rate.shape[0] < FEWEST:
         raise AlignmentError("align.short_static", count=rate.shape[0], begin=start, end=end)
@@ -85,9 +85,9 @@ def _means(start: float, end: float, rate: FloatArray, force: FloatArray) -> Sta
 def sway(parts: Intervals, still: FloatArray, at: StationaryMeans | None = None) -> tuple[StationaryMeans, FloatArray]:
     """Compute means of a stop, and the changes of level and heading between successive parts of it, (k, 2) [rad].
 
-    Heading changes are relative to the mean rate. A short stop, or one without departure, has no changes: filters track
-    gyro bias there. Next to a disturbed part the changes are NaN. `still` (m, 2): stationary intervals of the stop [s].
-    `at`: means over the first, for a short stop. Means use the parts within these intervals, if there are enough.
+    Heading changes are relative to the mean rate. A short stop, or a stop without departure, has no changes,
+    as filters track the gyro bias there. Next to a disturbed part the changes are NaN. `still` (m, 2): stationary
+    intervals of the stop [s]; means use the parts within them, if enough. `at`: means of a short stop, if known.
     """
     start, end = float(still[0, 0]), float(still[-1, 1])
     if end - start < LONG_REST or end > parts.end[-1] - LEFT:
@@ -96,19 +96,20 @@ def sway(parts: Intervals, still: FloatArray, at: StationaryMeans | None = None)
     step = float(np.median(parts.dt[1 : 1 << 16]))
     size = max(4, round(SWAYED / step))
     rate, _, force, _ = _windows(parts, (last - first) // size, size, first)
+    # parts that lie within a stationary interval
     ends = parts.end[first + size - 1 : last : size]
-    run = np.searchsorted(still[:, 1], ends)
-    stays = ends - size * step > still[run, 0] - step
-    at = _means(start, end, *((rate[stays], force[stays]) if stays.sum() >= FEWEST else (rate, force)))
+    interval = np.searchsorted(still[:, 1], ends)
+    calm = ends - size * step > still[interval, 0] - step
+    at = _means(start, end, *((rate[calm], force[calm]) if calm.sum() >= FEWEST else (rate, force)))
     down = -at.force / np.linalg.norm(at.force)
     turned = 0.5 * (rate[1:] + rate[:-1] - 2.0 * at.rate) @ down * size * step
     tilted = np.linalg.norm(np.cross(np.diff(force, axis=0), down), axis=1) / G0
-    stays = stays[1:] & stays[:-1] & (tilted < ROCKS)
-    return at, np.where(stays[:, None], np.column_stack([tilted, turned]), np.nan)
+    calm = calm[1:] & calm[:-1] & (tilted < ROCKS)
+    return at, np.where(calm[:, None], np.column_stack([tilted, turned]), np.nan)
 
 
 def stays(alignment: Alignment, time: float) -> bool:
-    """Return whether the attitude is constant: in a long initial stop, while the vehicle is undisturbed."""
+    """Return whether the attitude is constant at a time [s]: in a long, undisturbed initial stop."""
     if alignment.static is None or time > alignment.left or not alignment.sway.size:
         return False
     begin, changes = alignment.static[0], alignment.sway[:, 0]
@@ -126,7 +127,7 @@ def stationary(parts: Intervals, slow: BoolArray | None = None, shortest: float 
 
     A window of half a second is stationary if `slow` is true and its mean specific force is constant. Its mean rate
     must equal the rate of the other quiet windows. Without `slow`, specific force and rate must also scatter little, or
-    little more than in the quietest tenth of the record. With it, an idling engine does no harm.
+    little more than in the quietest tenth of the record. With `slow`, an idling engine does no harm.
 
     `slow` (n,): false where another sensor detects motion.
     """
@@ -163,55 +164,56 @@ def _samples_in_window(parts: Intervals) -> int:
 def _windows(
     parts: Intervals, n: int, size: int, begin: int = 0
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Compute means (n, 3) and norms of the sd (n,) of rate, and of specific force, in `n` windows from a row on."""
+    """Compute mean rate (n, 3), norm of its sd (n,), and both of specific force, in `n` windows from row `begin`."""
     mean, loud = np.empty((2, n, 3)), np.empty((2, n))
-    for some in spill.blocks(n, size=1 + spill.ROWS // size):  # a stop may last for days
+    for some in spill.blocks(n, size=1 + spill.ROWS // size):  # blocks limit memory in a stop of days
         samples = parts.dt, parts.gyro, parts.accel, parts.instant
         window_scatter(*samples, size, begin, some.start, some.stop, mean, loud)
     return mean[0], loud[0], mean[1], loud[1]
 
 
 def _before_departure(force: FloatArray, rate: FloatArray) -> int:
-    """Count windows before a slow departure in the second half of a stop, by means of force and rate."""
-    off = _unlike((rate, force), (rate, force))
+    """Count the windows before a soft departure, which is searched in the second half of a stop; all without one."""
+    differs = _unlike((rate, force), (rate, force))
     row = round(DEPARTED_TIME / WINDOW)
-    if off.size < 2 * row:
-        return off.size
-    lasting: BoolArray = np.asarray(np.lib.stride_tricks.sliding_window_view(off, row).all(axis=1))
-    lasting[: off.size // 2] = False
-    return int(np.argmax(lasting)) if lasting.any() else off.size
+    if differs.size < 2 * row:
+        return differs.size
+    sustained: BoolArray = np.asarray(np.lib.stride_tricks.sliding_window_view(differs, row).all(axis=1))
+    sustained[: differs.size // 2] = False
+    return int(np.argmax(sustained)) if sustained.any() else differs.size
 
 
 def _unlike(means: Sequence[FloatArray], rest: Sequence[FloatArray]) -> BoolArray:
-    """Find windows whose mean rate or force, (m, 3) each, differs from a stop, (k, 3) each."""
-    off = np.zeros(means[0].shape[0], dtype=np.bool_)
-    for here, stop, least in zip(means, rest, (DEPARTED_GYRO, DEPARTED_ACCEL), strict=True):
-        usual = np.median(stop, axis=0)
-        limit = np.maximum(DEPARTED * 1.4826 * np.median(np.abs(stop - usual), axis=0), least)
-        off |= (np.abs(here - usual) > limit).any(axis=1)
-    return off
+    """Find windows whose mean rate or force, (m, 3) each, differs from the means (k, 3) in a stop."""
+    differs = np.zeros(means[0].shape[0], dtype=np.bool_)
+    for mean, stop, least in zip(means, rest, (DEPARTED_GYRO, DEPARTED_ACCEL), strict=True):
+        median = np.median(stop, axis=0)
+        limit = np.maximum(DEPARTED * 1.4826 * np.median(np.abs(stop - median), axis=0), least)
+        differs |= (np.abs(mean - median) > limit).any(axis=1)
+    return differs
 
 
 def departure(parts: Intervals, rest: tuple[float, float]) -> float:
-    """Find when the IMU alone detects a departure from a stop [s]: windows unlike the previous ones, for long."""
+    """Find the first sustained difference of IMU means from earlier means: the departure from a stop [s]."""
     if parts.end.size < FEWEST:
         return rest[1]
     size = _samples_in_window(parts)
     length = size * float(np.median(parts.dt[1 : 1 << 16]))
-    number, lasting, fewest = (max(2, round(span / length)) for span in (COMPARED, DEPARTED_TIME, SHORTEST))
+    number, duration, fewest = (max(2, round(span / length)) for span in (COMPARED, DEPARTED_TIME, SHORTEST))
     begin, now = np.searchsorted(parts.end, rest, side="right")
     begin = max(begin, now - number * size)
     if now - begin < fewest * size:
         return rest[1]
     before = _windows(parts, (now - begin) // size, size, begin)
-    while now + lasting * size <= parts.end.size:
-        here = _windows(parts, min(number, (parts.end.size - now) // size), size, now)
-        off = _unlike(here[::2], before[::2])
-        for first, last in runs_of(off):
-            if last - first >= lasting:
+    while now + duration * size <= parts.end.size:
+        current = _windows(parts, min(number, (parts.end.size - now) // size), size, now)
+        odd = _unlike(current[::2], before[::2])
+        for first, last in runs_of(odd):
+            if last - first >= duration:
                 return float(parts.end[now + first * size - 1])
-        more = off.size - int(np.argmin(off[::-1])) if off[-1] else off.size  # a run at the end begins the next block
-        before, now = here, now + more * size
+        # windows at the end that differ are compared again in the next block
+        more = odd.size - int(np.argmin(odd[::-1])) if odd[-1] else odd.size
+        before, now = current, now + more * size
     return float(parts.end[-1])
 
 
@@ -231,8 +233,8 @@ def gyrocompass(rest: StationaryMeans, spec: ImuSpec, lat: float, tilt: float) -
     """Compute heading and its standard deviation [rad] from the Earth's rotation (Groves 2013, section 5.6.2).
 
     The standard deviation is infinite at the poles and meaningless above about a radian. A `tilt` error (1 sd) [rad]
-    about North rotates the vertical part of the Earth rate into East. Bias across the heading is unobservable. If the
-    other biases contradict the IMU model, it is assumed as twice theirs (3 sd cover 98.6 % of equal ones).
+    about North rotates the vertical part of the Earth rate into East. The bias across the heading is unobservable. If
+    the measured excess contradicts the IMU model, the sd of this bias is twice the excess (3 sd cover 98.6 %).
     """
     w = _levelled_rate(rest)
     sd = max(_rate_sd(rest, spec), 2.0 * unexplained_rate(rest, spec, lat))

@@ -16,10 +16,10 @@ from insnav.findings import Code, Finding
 from insnav.result import Result
 from insnav.version import __version__
 
-# other mechanizations and models have separate checks
+# checks of the platform and of the gravity model, which take no strapdown integrators
 OTHERS: tuple[Callable[[], list[Check]], ...] = (gimballed, gravity)
 _ABOUT_ALL = Code.CERTIFICATE_SAMPLES, Code.CERTIFICATE_INTEGRATORS, Code.CERTIFICATE_CONING
-_ABOUT = {"fourth": Code.CERTIFICATE_PLATFORM, "pyins": Code.CERTIFICATE_PYINS}  # by the name of an integrator
+_ABOUT = {"fourth": Code.CERTIFICATE_PLATFORM, "pyins": Code.CERTIFICATE_PYINS}  # findings by name of an integrator
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,7 +29,7 @@ class Certificate:
     checks: tuple[Check, ...]
     seconds: float  # duration including compilation [s]
     machine: str = field(default_factory=lambda: f"{platform.system()} {platform.machine()}")
-    version: str = __version__  # of insnav
+    version: str = __version__  # version of insnav
 
     @property
     def failed(self) -> tuple[Check, ...]:
@@ -76,11 +76,11 @@ def verify(*, peer: bool = False, progress: Callable[[float], None] | None = Non
 def certify(peers: Sequence[Integrator] = (), progress: Callable[[float], None] | None = None) -> Certificate:
     """Test the integrators, including the platform's, and the gravity model against closed forms.
 
-    Takes seconds. Integrators of other packages are compared with the own ones; `progress` gets the completed fraction.
+    Takes seconds. `peers`: integrators of other packages, for comparison. `progress`: gets the completed fraction.
     """
     begin = time.perf_counter()
-    asked = (*integrators(), *peers)
-    topics: list[Callable[[], list[Check]]] = [*(partial(topic, asked) for topic in TOPICS), *OTHERS]
+    compared = (*integrators(), *peers)
+    topics: list[Callable[[], list[Check]]] = [*(partial(topic, compared) for topic in TOPICS), *OTHERS]
     checks: list[Check] = []
     for number, topic in enumerate(topics, start=1):
         checks += topic()

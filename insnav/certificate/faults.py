@@ -12,15 +12,15 @@ from insnav.messages import translated
 
 @dataclass(frozen=True, slots=True)
 class FaultRow:
-    """Fault with the test of its limit."""
+    """Row of the fault matrix: a fault, the required behaviour, and its test."""
 
     key: str  # such as ``N1``: N navigation and sensors, F files, P process
     fault: str
     bar: str  # required behaviour
-    measured: str
-    test: str  # file, or file and function; empty without a test
+    measured: str  # measured behaviour
+    test: str  # test file, or file and function; empty without a test
     state: Literal["met", "partly", "open"]  # partly: the test is weaker than the limit
-    reason: str = ""  # reason for a changed limit or expectation
+    reason: str = ""  # reason for a changed requirement
 
 
 def fault_matrix() -> tuple[FaultRow, ...]:

@@ -1,4 +1,4 @@
-"""Integrators of this package and of another, with a common interface, and their error limits."""
+"""Integrators of this package and of python-ins with a common interface, and checks of their errors."""
 
 from __future__ import annotations
 
@@ -26,12 +26,12 @@ class Check:
 
     topic: str  # subject of the check, such as ``coning``
     case: str  # test case
-    unit: str  # of `limit` and `values`
+    unit: str  # unit of `limit` and `values`
     limit: float  # largest error allowed
-    # integrator and its error. The limit applies to the first, the default of navigation; the others are for
-    # comparison.
+    # name and error of each integrator: first the default of navigation. The limit applies to the first `required`
+    # integrators only.
     values: tuple[tuple[str, float], ...]
-    required: int = 1  # number of integrators to which the limit applies, from the first on
+    required: int = 1  # number of integrators to which the limit applies
 
     @property
     def name(self) -> str:
@@ -50,21 +50,20 @@ class Check:
         return self.error <= self.limit
 
 
-METHODS: tuple[Method, ...] = ("polynomial", "rk4", "rotvec", "euler")  # the limits apply to the first
+METHODS: tuple[Method, ...] = ("polynomial", "rk4", "rotvec", "euler")  # limits apply only to the first method
 
 
 @dataclass(frozen=True, slots=True)
 class Steps:
     """Result of an integrator for each sampling interval."""
 
-    # (n,) end and length [s]
-    time: FloatArray
-    dt: FloatArray
+    time: FloatArray  # (n,) end of each interval [s]
+    dt: FloatArray  # (n,) length of each interval [s]
     rotation: FloatArray  # (n, 3) rotation vector of the body over each interval [rad]
     velocity: FloatArray  # (n, 3) integral of the specific force in the axes of the interval's start [m/s]
 
 
-Start = tuple[FloatArray, FloatArray, FloatArray]  # position; velocity N, E, D; roll, pitch, heading
+Start = tuple[FloatArray, FloatArray, FloatArray]  # start: position; velocity N, E, D; roll, pitch, heading
 
 
 @dataclass(frozen=True, slots=True)
@@ -110,16 +109,16 @@ def attitude_after(rotation: FloatArray) -> FloatArray:
     """Compute the quaternion after successive rotation vectors ``(n, 3)`` [rad], by pairs: rounding grows as log n."""
     q = quat_from_rotvec(rotation)
     while len(q) > 1:
-        last = q[len(q) - len(q) % 2 :]
-        q = np.concatenate([quat_multiply(q[: len(q) - 1 : 2], q[1::2]), last])
+        unpaired = q[len(q) - len(q) % 2 :]
+        q = np.concatenate([quat_multiply(q[: len(q) - 1 : 2], q[1::2]), unpaired])
     return np.asarray(q[0] / np.linalg.norm(q[0]))
 
 
 def pyins() -> Integrator:
-    """Build the integrator of python-ins: increments with a term of the previous one, local-level mechanization.
+    """Build the integrator of python-ins: its increments use the previous ones; its mechanization is local-level.
 
-    Its normal gravity has no north component, which causes metres after an hour at a height of 500 m. Without
-    python-ins a `ConfigError` names the option.
+    Its normal gravity has no north component, which causes errors of metres after an hour at a height of 500 m.
+    Raises: ConfigError: python-ins is not installed.
     """
     if find_spec("pyins") is None:
         raise ConfigError("verify.no_pyins", where="--peer")
@@ -127,14 +126,14 @@ def pyins() -> Integrator:
 
 
 def _pyins_increments(imu: ImuData) -> Any:
-    """Return its table of increments: one per sample except the first, which is only the previous one."""
+    """Return the increments of python-ins, one per sample except the first, which is only the previous sample."""
     import pandas as pd
 
-    theirs, util = import_module("pyins.strapdown"), import_module("pyins.util")
+    pyins_strapdown, util = import_module("pyins.strapdown"), import_module("pyins.util")
     samples = pd.DataFrame(
         np.hstack([imu.gyro, imu.accel]), index=pd.Index(imu.time), columns=util.GYRO_COLS + util.ACCEL_COLS
     )
-    return theirs.compute_increments_from_imu(samples, "increment")
+    return pyins_strapdown.compute_increments_from_imu(samples, "increment")
 
 
 def _pyins_steps(imu: ImuData) -> Steps:
@@ -143,21 +142,21 @@ def _pyins_steps(imu: ImuData) -> Steps:
 
 
 def _pyins_navigate(imu: ImuData, start: Start, height: FloatArray, v_down: FloatArray, every: int) -> Trajectory:
-    """Navigate with constant height, then replace it by the given height: only horizontal motion is its own."""
+    """Navigate by python-ins at constant height, then replace height and down velocity by the given ones."""
     import pandas as pd
 
     theirs, util = import_module("pyins.strapdown"), import_module("pyins.util")
     lla, v_n, rph = start
     first = np.concatenate([lla[:2] / DEG, lla[2:], v_n, rph / DEG])
     pva = pd.Series(first, index=util.TRAJECTORY_COLS, name=imu.time[0])
-    with warnings.catch_warnings(), np.errstate(all="ignore"):  # divides by zero at a pole; deprecated pandas functions
+    with warnings.catch_warnings(), np.errstate(all="ignore"):  # python-ins divides by zero at a pole
         warnings.simplefilter("ignore")
         try:
             table = theirs.Integrator(pva, with_altitude=False).integrate(_pyins_increments(imu)).to_numpy()
         except ZeroDivisionError:
             table = np.full((imu.time.size, 9), np.nan)
-    found = table[every::every]
+    rows = table[every::every]
     chosen = slice(every - 1, None, every)
-    lla = np.column_stack([found[:, :2] * DEG, height[chosen]])
-    v_n = np.column_stack([found[:, 3:5], v_down[chosen]])
-    return Trajectory(imu.time[1:][chosen], lla, v_n, found[:, 6:9] * DEG)
+    lla = np.column_stack([rows[:, :2] * DEG, height[chosen]])
+    v_n = np.column_stack([rows[:, 3:5], v_down[chosen]])
+    return Trajectory(imu.time[1:][chosen], lla, v_n, rows[:, 6:9] * DEG)

@@ -16,7 +16,7 @@ from insnav.units import DEG
 
 @dataclass(frozen=True, slots=True)
 class Cone:
-    """Coning: the third body axis moves around a cone: a rotation vector of constant length rotates in the x-y plane.
+    """Coning: the z axis of the body moves around a cone; a rotation vector of constant length turns in the x-y plane.
 
     References
     ----------
@@ -47,7 +47,7 @@ class Cone:
 class Scull:
     """Sculling: rotation ``A sin wt`` about x, specific force ``a sin wt`` along y; mean force ``a J1(A)`` along z."""
 
-    amplitude: float  # of the rotation [rad]
+    amplitude: float  # amplitude of the rotation [rad]
     omega: float  # angular frequency [rad/s]
     force: float  # amplitude of the specific force [m/s^2]
 
@@ -79,8 +79,8 @@ def swell(duration: float, place: FloatArray) -> LevelTruth:
 
 def start_of(truth: Truth, time: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return position, velocity and attitude at the end of the first interval of the edges ``(n + 1,)`` [s]."""
-    at = truth.evaluate(time[1:2])
-    return at.lla[0], at.v_n[0], at.rph[0]
+    state = truth.evaluate(time[1:2])
+    return state.lla[0], state.v_n[0], state.rph[0]
 
 
 def even(duration: float, rate: float) -> FloatArray:
@@ -89,7 +89,7 @@ def even(duration: float, rate: float) -> FloatArray:
 
 
 def uneven(duration: float) -> FloatArray:
-    """Return edges of intervals of 8 to 11 ms, as of loggers [s].
+    """Return edges of sampling intervals of 8 to 11 ms, as from irregular loggers [s].
 
     A file does not contain the start of its first interval: readers assume the mean length, which is true here.
     """
@@ -107,16 +107,16 @@ def _column(values: FloatArray, axis: int, count: int = 3) -> FloatArray:
 
 _AXIS = np.array([0.0, 0.0, 1.0])
 _X, _Y = np.array([1.0, 0.0, 0.0]), np.array([0.0, 1.0, 0.0])
-_POLAR_RADIUS = A / np.sqrt(1.0 - E2)  # of curvature [m]
+_POLAR_RADIUS = A / np.sqrt(1.0 - E2)  # radius of curvature at a pole [m]
 
 
 @dataclass(frozen=True, slots=True)
 class PolarPosition:
     """Point at constant height on an ellipsoid normal that moves around a circle, in Earth-fixed axes [m]."""
 
-    # with orthogonal vectors; cosine and sine of equal length, ``|offset|^2 + |sine|^2 = 1``
+    # unit normal: its vectors are orthogonal, cosine and sine have equal length, ``|offset|^2 + |sine|^2 = 1``
     normal: Harmonic
-    height: float  # above the ellipsoid [m]
+    height: float  # height above the ellipsoid [m]
 
     @property
     def knots(self) -> FloatArray:
@@ -126,14 +126,14 @@ class PolarPosition:
     def __call__(self, t: FloatArray, order: int = 0) -> FloatArray:
         """Evaluate position ``(n, 3)``, or its first or second derivative, ``(n,)`` [s] after the start.
 
-        Groves (2013), eq. 2.112, with the normal instead of latitude and longitude, and its chain rule.
+        Groves (2013), eq. 2.112, with the normal instead of latitude and longitude, and its derivatives.
         """
         flat = np.array([1.0, 1.0, 1.0 - E2])
         n0, n1, n2 = (self.normal(t, k) for k in range(3))
         s, ds, dds = n0[:, 2:], n1[:, 2:], n2[:, 2:]
         w2 = 1.0 - E2 * s * s
         radius = A / np.sqrt(w2)
-        slope = radius * E2 * s / w2
+        slope = radius * E2 * s / w2  # first derivative of the radius by s; second derivative: `bend`
         bend = radius * E2 / w2 + 3.0 * slope * E2 * s / w2
         if order == 0:
             return np.asarray(radius * flat * n0 + self.height * n0)
@@ -145,7 +145,7 @@ class PolarPosition:
 
 @dataclass(frozen=True, slots=True)
 class PolarAttitude:
-    """Forward along that circle, down against the normal except for an oscillating roll: quaternion, Earth-fixed."""
+    """Attitude in Earth-fixed axes: forward along the circle of the normal, down opposite to it, oscillating roll."""
 
     normal: Harmonic
     swing: float = 0.0  # amplitude [rad] and angular frequency [rad/s] of the roll
@@ -160,11 +160,11 @@ class PolarAttitude:
         """Evaluate the quaternion ``(n, 4)``, or its first derivative, ``(n,)`` [s] after the start."""
         start, forward = self.normal(np.zeros(1))[0], self.normal.sine / np.linalg.norm(self.normal.sine)
         at_start = quat_from_dcm(np.column_stack([forward, np.cross(forward, start), -start]))
-        # rotated about the centre of the circle, then rolled
+        # rotation about the axis of the circle, then roll
         axis = np.cross(self.normal.cosine, self.normal.sine)
         axis = self.normal.omega * axis / np.linalg.norm(axis)
-        turned = quat_multiply(quat_from_rotvec(t[:, None] * axis), at_start)
-        q = quat_multiply(turned, quat_from_rotvec(_column(self.swing * np.sin(self.swing_omega * t), 0)))
+        rotated = quat_multiply(quat_from_rotvec(t[:, None] * axis), at_start)
+        q = quat_multiply(rotated, quat_from_rotvec(_column(self.swing * np.sin(self.swing_omega * t), 0)))
         if order == 0:
             return q
         rolling = self.swing * self.swing_omega * np.cos(self.swing_omega * t)
@@ -174,7 +174,7 @@ class PolarAttitude:
 def polar_truth(
     normal: Harmonic, height: float, duration: float, swing: float = 0.0, swing_omega: float = 0.0
 ) -> EarthTruth:
-    """Build a motion at a height [m] on a normal that moves around a circle, for a time [s]; see `PolarAttitude`."""
+    """Build a motion of `duration` [s] at a height [m] on a normal that moves around a circle; see `PolarAttitude`."""
     position, attitude = PolarPosition(normal, height), PolarAttitude(normal, swing, swing_omega)
     return EarthTruth(np.zeros(3), position, attitude, None, duration)
 
@@ -182,16 +182,16 @@ def polar_truth(
 def over_pole(
     speed: float, duration: float, *, height: float = 10e3, miss: float = 0.0, south: bool = False
 ) -> EarthTruth:
-    """Build a great circle with the pole, or the point `miss` [m] from it, at half time; roll oscillates by 5 deg.
+    """Build a great circle that passes the pole at the distance `miss` [m] at half time; roll oscillates by 5 deg.
 
     `speed` [m/s], `duration` [s], `height` above the ellipsoid [m].
     """
-    radius, lon = _POLAR_RADIUS + height, 0.3  # of the start, if the pole is not missed [rad]
-    side, way = np.array([-np.sin(lon), np.cos(lon), 0.0]), -np.array([np.cos(lon), np.sin(lon), 0.0])
+    radius, lon = _POLAR_RADIUS + height, 0.3  # longitude of the start, if `miss` is zero [rad]
+    side, ahead = np.array([-np.sin(lon), np.cos(lon), 0.0]), -np.array([np.cos(lon), np.sin(lon), 0.0])
     top = np.cos(miss / radius) * _AXIS * (-1.0 if south else 1.0) + np.sin(miss / radius) * side
     omega = speed / radius
     half = 0.5 * omega * duration
-    cosine, sine = np.cos(half) * top - np.sin(half) * way, np.sin(half) * top + np.cos(half) * way
+    cosine, sine = np.cos(half) * top - np.sin(half) * ahead, np.sin(half) * top + np.cos(half) * ahead
     return polar_truth(Harmonic(np.zeros(3), np.zeros(3), cosine, sine, omega), height, duration, np.radians(5.0), 2.0)
 
 

@@ -17,29 +17,29 @@ from insnav.simulate.truth import Harmonic
 from insnav.types import FloatArray, ImuData, IntArray, Trajectory
 from insnav.units import DEG, DEG_PER_H, G0, UG
 
-RATE = 100.0  # [Hz]
-_SPAN = 40.0  # of one record [s]
-_EDGE = 1.0  # excluded at either end, where windows of samples are one-sided [s]
+RATE = 100.0  # sampling rate [Hz]
+_SPAN = 40.0  # length of one record [s]
+_EDGE = 1.0  # time excluded at either end, where windows of samples are one-sided [s]
 _ARCSEC = DEG / 3600.0
 # Largest residual drift under coning of 1 deg [deg/h], by frequency [Hz]. It grows with the square of the angle. At 20
 # Hz a cycle has five samples, too few for any algorithm: this limit documents the expected error.
 _CONING_LIMITS = {1.0: 1e-4, 5.0: 0.02, 10.0: 0.1, 20.0: 70.0}
 _PLACE = np.array([48.0 * DEG, 11.0 * DEG, 500.0])
 _HOUR = 3600.0
-DAY = 86400.0  # [s]
+DAY = 86400.0  # length of a day [s]
 PLACE = np.array([45.0 * DEG, 0.2, 0.0])
-# small, for the linear closed form, and each visible
+# errors small enough for the linear closed form, and large enough to be measured
 ERRORS = PlatformErrors(
     tilt=np.array([0.0, 0.0, 20.0 / 3600.0]) * DEG,
     drift=np.array([1e-3, 1e-3, 1e-3]) * DEG_PER_H,
     bias=np.array([30.0, 30.0, 0.0]) * UG,
 )
-_AMPLITUDE, _PERIOD = 0.002, 0.001  # limits relative to theory
+_AMPLITUDE, _PERIOD = 0.002, 0.001  # limits of errors and of periods, relative to theory [-]
 Record = tuple[str, FloatArray, FloatArray]  # integrator, time since the start [s], position error North, East [m]
 
 
 def coning(integrators: Sequence[Integrator]) -> list[Check]:
-    """Check the drift under coning of three amplitudes at four frequencies, and from uneven samples."""
+    """Check the attitude drift under coning of three amplitudes at four frequencies, and with uneven samples."""
     checks = []
     for angle in (0.1, 1.0, 3.0):
         for frequency, limit in _CONING_LIMITS.items():
@@ -60,10 +60,10 @@ def coning_drift(integrator: Integrator, motion: Cone, time: FloatArray) -> floa
     steps = integrator.steps(ImuData(time[1:], gyro, np.zeros_like(gyro), "increment"))
     begin, inside = _inner(steps.time, steps.dt, time[-1])
     before, after = motion.quaternion(begin[inside]), motion.quaternion(steps.time[inside])
-    # error of every interval in its initial axes, rotated to the fixed frame: small, so they can be summed
-    turned = attitude.quat_multiply(attitude.quat_conjugate(before), after)
+    # errors of the intervals, rotated from their initial axes to the fixed frame, are small and can be summed
+    rotation = attitude.quat_multiply(attitude.quat_conjugate(before), after)
     error = attitude.rotvec_from_quat(
-        attitude.quat_multiply(attitude.quat_from_rotvec(steps.rotation[inside]), attitude.quat_conjugate(turned))
+        attitude.quat_multiply(attitude.quat_from_rotvec(steps.rotation[inside]), attitude.quat_conjugate(rotation))
     )
     total = np.einsum("nij,nj->i", attitude.dcm_from_quat(before), error)
     return float(np.linalg.norm(total) / np.sum(steps.dt[inside]))
@@ -93,22 +93,22 @@ def sculling_error(integrator: Integrator, motion: Scull, time: FloatArray) -> f
 
 
 def spin(integrators: Sequence[Integrator]) -> list[Check]:
-    """Check 1000 deg/s about an oblique axis with constant specific force in the body, a closed form."""
+    """Check a rotation at 1000 deg/s about an oblique axis with constant specific force in the body, in closed form."""
     rate, force = 1000 * DEG * np.array([2.0, -3.0, 6.0]) / 7.0, np.array([3.0, -2.0, -9.8])
     dt, n = 1 / RATE, round(_SPAN * RATE)
     imu = ImuData(even(_SPAN, RATE)[1:], np.tile(rate * dt, (n, 1)), np.tile(force * dt, (n, 1)), "increment")
     # exact velocity of one interval: the mean rotated force, by an exact quadrature
     node, weight = np.polynomial.legendre.leggauss(12)
-    turned = attitude.dcm_from_quat(attitude.quat_from_rotvec(0.5 * dt * (node + 1.0)[:, None] * rate)) @ force
-    velocity = 0.5 * dt * (weight @ turned)
+    rotated = attitude.dcm_from_quat(attitude.quat_from_rotvec(0.5 * dt * (node + 1.0)[:, None] * rate)) @ force
+    velocity = 0.5 * dt * (weight @ rotated)
     drift, false_force = [], []
     for integrator in integrators:
         steps = integrator.steps(imu)
-        off = attitude.quat_multiply(
+        diff = attitude.quat_multiply(
             attitude.quat_conjugate(attitude.quat_from_rotvec(rate * np.sum(steps.dt))), attitude_after(steps.rotation)
         )
         drift.append(
-            (integrator.name, float(np.linalg.norm(attitude.rotvec_from_quat(off)) / np.sum(steps.dt)) / DEG_PER_H)
+            (integrator.name, float(np.linalg.norm(attitude.rotvec_from_quat(diff)) / np.sum(steps.dt)) / DEG_PER_H)
         )
         error = np.linalg.norm(steps.velocity - velocity, axis=1).max() / dt
         false_force.append((integrator.name, float(error) / UG))
@@ -119,7 +119,7 @@ def spin(integrators: Sequence[Integrator]) -> list[Check]:
 
 
 def upright(integrators: Sequence[Integrator]) -> list[Check]:
-    """Check two loops through pitch +-90 deg, and rest with the nose straight up and down: attitude error."""
+    """Check the attitude error in two loops through pitch +-90 deg, and at rest with the nose straight up and down."""
     checks, zero = [], np.zeros(3)
     position = Harmonic(zero, np.array([2e-6, 3e-6, 0.0]), zero, zero)
     for case, pitch, rate in (
@@ -135,16 +135,16 @@ def upright(integrators: Sequence[Integrator]) -> list[Check]:
         held = np.full(len(true), _PLACE[2]), np.zeros(len(true))
         values = []
         for integrator in integrators:
-            found = integrator.navigate(imu, start, *held, 1)
-            off = np.einsum("nji,njk->nik", true, attitude.dcm_from_rph(found.rph))
-            angle = 0.5 * np.linalg.norm(off - np.swapaxes(off, 1, 2), axis=(1, 2)) / np.sqrt(2.0)
+            track = integrator.navigate(imu, start, *held, 1)
+            difference = np.einsum("nji,njk->nik", true, attitude.dcm_from_rph(track.rph))
+            angle = 0.5 * np.linalg.norm(difference - np.swapaxes(difference, 1, 2), axis=(1, 2)) / np.sqrt(2.0)
             values.append((integrator.name, float(np.max(angle)) / _ARCSEC))
         checks.append(Check("pitch +-90 deg", case, "arcsec", 1e-3, tuple(values)))
     return checks
 
 
 def _inner(end: FloatArray, dt: FloatArray, last: float) -> tuple[FloatArray, IntArray]:
-    """Return the start of each interval, and the intervals away from the ends of the record."""
+    """Return the start of each interval, and the rows of intervals away from the ends of the record."""
     begin = end - dt
     return begin, np.flatnonzero((begin > _EDGE - 1e-6) & (end < last - _EDGE + 1e-6))
 
@@ -175,17 +175,17 @@ def schuler(integrators: Sequence[Integrator]) -> list[Check]:
     imu = _at_rest(place, np.zeros(3), even(2.1 * period, rate))
     values = []
     for integrator in integrators:
-        found = _navigated(integrator, imu, place, np.array([1e-4, 0.0, 0.0]), 1)
-        v = found.v_n[:, 1]
-        turns = np.flatnonzero(np.diff(np.signbit(v[10:]))) + 10
-        crossing = found.time[turns] - v[turns] / (v[turns + 1] - v[turns]) / rate
-        four = crossing.size == 4
-        values.append((integrator.name, abs(float(crossing[3] - crossing[1]) / period - 1.0) if four else np.inf))
+        track = _navigated(integrator, imu, place, np.array([1e-4, 0.0, 0.0]), 1)
+        v = track.v_n[:, 1]
+        sign_changes = np.flatnonzero(np.diff(np.signbit(v[10:]))) + 10
+        crossing = track.time[sign_changes] - v[sign_changes] / (v[sign_changes + 1] - v[sign_changes]) / rate
+        complete = crossing.size == 4
+        values.append((integrator.name, abs(float(crossing[3] - crossing[1]) / period - 1.0) if complete else np.inf))
     return [Check("Schuler period", f"tilt at the equator, {period:.1f} s", "1", 1e-5, tuple(values))]
 
 
 def rest(integrators: Sequence[Integrator]) -> list[Check]:
-    """Check the motion of a stationary body in four hours, height-constrained."""
+    """Check the computed motion of a stationary, height-constrained body in four hours."""
     rph = np.array([0.1, -0.3, 2.2])
     checks = []
     for lat in (0.0, 45.0, 80.0, 89.9):
@@ -197,18 +197,18 @@ def rest(integrators: Sequence[Integrator]) -> list[Check]:
 
 
 def meridians(integrators: Sequence[Integrator]) -> list[Check]:
-    """Compare the same motion across a meridian and across longitude 57 deg."""
+    """Compare the same motion across Greenwich or the date line and across longitude 57 deg."""
     checks = []
     for case, lon in (("Greenwich", 0.0), ("date line", np.pi)):
         tracks = []
-        for at in (1.0, lon):
-            truth = circle(np.array([0.8, at, 100.0]), 20.0, 0.1, 120.0)
+        for longitude in (1.0, lon):
+            truth = circle(np.array([0.8, longitude, 100.0]), 20.0, 0.1, 120.0)
             tracks.append([track for _, track in _tracks(integrators, truth, even(truth.duration, 50.0))])
         values = []
-        for integrator, usual, there in zip(integrators, *tracks, strict=True):
-            moved = np.concatenate([usual.lla[:, :1], usual.lla[:, 1:2] + (lon - 1.0), usual.lla[:, 2:]], axis=1)
-            off = np.abs(ned_offset(there.lla, moved)).max()
-            values.append((integrator.name, np.inf if np.any(np.abs(there.lla[:, 1]) > np.pi) else float(off)))
+        for integrator, at_57, there in zip(integrators, *tracks, strict=True):
+            shifted = np.concatenate([at_57.lla[:, :1], at_57.lla[:, 1:2] + (lon - 1.0), at_57.lla[:, 2:]], axis=1)
+            difference = np.abs(ned_offset(there.lla, shifted)).max()
+            values.append((integrator.name, np.inf if np.any(np.abs(there.lla[:, 1]) > np.pi) else float(difference)))
         checks.append(Check("longitude", f"crossing {case}", "m", 1e-6, tuple(values)))
     return checks
 
@@ -219,11 +219,11 @@ def poles(integrators: Sequence[Integrator]) -> list[Check]:
     time = even(600.0, RATE)
     tracks = _tracks(integrators, over, time)
     beyond = tuple((name, float(np.maximum(np.abs(t.lla[:, 0]).max() / DEG - 90.0, 0.0))) for name, t in tracks)
-    given = tuple((name, _headings_given(t)) for name, t in tracks)
+    headings = tuple((name, _headings_given(t)) for name, t in tracks)
     checks = [
         Check("poles", "10 min at 250 m/s over the North Pole", "m", 0.01, _apart(tracks, over)),
         Check("poles", "the same: latitude beyond 90 deg", "deg", 0.0, beyond),
-        Check("poles", "the same: headings given within 1 km", "1", 0.0, given),
+        Check("poles", "the same: headings given within 1 km", "1", 0.0, headings),
     ]
     for case, truth in (
         ("10 min at 900 m/s, 30 m past the South Pole", over_pole(900.0, 600.0, miss=30.0, south=True)),
@@ -237,13 +237,13 @@ def poles(integrators: Sequence[Integrator]) -> list[Check]:
 
 
 def _headings_given(track: Trajectory) -> float:
-    """Count the headings within a kilometre of a pole; NaN if latitude is NaN."""
+    """Count the headings other than NaN within a kilometre of a pole; NaN if a latitude is NaN."""
     lat = track.lla[:, 0]
     return float(np.sum(np.where(np.isnan(lat), np.nan, near_pole(lat) & np.isfinite(track.rph[:, 2]))))
 
 
 def _at_rest(place: FloatArray, rph: FloatArray, time: FloatArray) -> ImuData:
-    """Build increments at rest on the rotating Earth: its rate and gravity in body axes, both constant."""
+    """Build increments at rest on the rotating Earth, from constant Earth rate and gravity in body axes."""
     c_bn, dt = attitude.dcm_from_rph(rph).T, np.diff(time)[:, None]
     return ImuData(
         time[1:], dt * (c_bn @ earth_rate_n(place[0])), -dt * (c_bn @ gravity_n(place[0], place[2])), "increment"
@@ -262,8 +262,8 @@ def _moved(found: Trajectory, place: FloatArray) -> float:
 def _tracks(integrators: Sequence[Integrator], truth: Truth, time: FloatArray) -> list[tuple[str, Trajectory]]:
     """Navigate a motion with each integrator, from its exact start and with its exact height."""
     imu, true = imu_from_truth(truth, time), truth.evaluate(time[2:])
-    held = true.lla[:, 2], true.v_n[:, 2]
-    return [(i.name, i.navigate(imu, start_of(truth, time), *held, 1)) for i in integrators]
+    constraint = true.lla[:, 2], true.v_n[:, 2]
+    return [(i.name, i.navigate(imu, start_of(truth, time), *constraint, 1)) for i in integrators]
 
 
 def _apart(tracks: Sequence[tuple[str, Trajectory]], truth: Truth) -> tuple[tuple[str, float], ...]:
@@ -273,17 +273,17 @@ def _apart(tracks: Sequence[tuple[str, Trajectory]], truth: Truth) -> tuple[tupl
 
 
 def day(integrators: Sequence[Integrator]) -> list[Check]:
-    """Check level strapdown navigators heading north, height-constrained."""
+    """Check the errors of a level, north-pointing, height-constrained navigator in a day at rest."""
     time = even(DAY + 1.0, 1.0)
     dt = np.diff(time)[:, None]
     # a gyro with positive bias rotates the computed axes opposite to a drifting platform
     gyro, accel = earth_rate_n(PLACE[0]) - ERRORS.drift, ERRORS.bias - gravity_n(PLACE[0], PLACE[2])
     imu = ImuData(time[1:], dt * gyro, dt * accel, "increment")
-    held = np.zeros(imu.time.size - 1)
+    zero = np.zeros(imu.time.size - 1)
     records = []
     for integrator in integrators:
-        found = integrator.navigate(imu, (PLACE, np.zeros(3), -ERRORS.tilt), held, held, 60)
-        records.append((integrator.name, found.time - imu.time[0], ned_offset(found.lla, PLACE)[:, :2]))
+        track = integrator.navigate(imu, (PLACE, np.zeros(3), -ERRORS.tilt), zero, zero, 60)
+        records.append((integrator.name, track.time - imu.time[0], ned_offset(track.lla, PLACE)[:, :2]))
     return compared("a day at rest with errors", records)
 
 
@@ -304,16 +304,16 @@ def compared(topic: str, records: Sequence[Record], where: str = "") -> list[Che
 
 
 def _parts(time: FloatArray, position: FloatArray) -> tuple[float, ...]:
-    """Compute largest error, and Schuler, Foucault and Earth periods, relative to theory."""
+    """Compute relative differences from theory: of the position, and of Schuler, Foucault and Earth periods."""
     if not np.isfinite(position).all():
         return (np.inf,) * 4
     lat, height = float(PLACE[0]), float(PLACE[2])
     theory = static_errors(time, lat, height, ERRORS).position
-    off = float(np.abs(position - theory).max() / np.abs(theory).max())
-    seen, true = measured_periods(time, position, lat, height), periods(lat, height)
-    pairs = ((seen.schuler, true.schuler), (seen.foucault, true.foucault), (seen.earth, true.earth))
-    return off, *(abs(a / b - 1.0) if a is not None and b is not None else np.inf for a, b in pairs)
+    difference = float(np.abs(position - theory).max() / np.abs(theory).max())
+    measured, true = measured_periods(time, position, lat, height), periods(lat, height)
+    pairs = ((measured.schuler, true.schuler), (measured.foucault, true.foucault), (measured.earth, true.earth))
+    return difference, *(abs(a / b - 1.0) if a is not None and b is not None else np.inf for a, b in pairs)
 
 
-# checks of every strapdown integrator
+# topics of checks, each for a sequence of strapdown integrators
 TOPICS = (coning, sculling, spin, upright, free_inertial, schuler, rest, day, meridians, poles)

@@ -1,4 +1,4 @@
-"""Errors of a trajectory against a reference of its drive and time, summary statistics, comparison of several runs.
+"""Errors of a trajectory against a reference of the same drive, summary statistics, comparison of several runs.
 
 Error is estimate minus truth, at the epochs of the reference. Cubic Hermite interpolation of position brings the
 estimate to those epochs, with errors below a millimetre at 10 Hz. Several runs are compared at their common epochs.
@@ -23,17 +23,21 @@ from insnav.sample_statistics import rms
 from insnav.tabular import Tabular, unit_of
 from insnav.types import BoolArray, FloatArray, GpsData, IntArray, Trajectory
 
-EPOCHS = 500  # epochs of a search, enough for the turns of a drive
-FEWEST = 10  # common epochs
-APART, OTHERWISE = 50.0, 0.5  # least distance to another drive [m], and share of the drive's extent
-ALIKE = 0.1  # share of this extent below which tracks at different hours are the same
+EPOCHS = 500  # number of reference epochs in a search, enough to resolve the turns of a drive
+FEWEST = 10  # least number of common epochs
+# a reference of another drive differs from the fixes by more than this [m], and than this share of the drive's extent
+APART, OTHERWISE = 50.0, 0.5
+ALIKE = 0.1  # tracks agree if they differ by less than this share of their extent [-]
 MOVING_M_S = 0.5  # a faster vehicle counts as moving
-LONGEST_STEP = 2.0  # median steps of the estimate; a longer step is a gap without interpolation
-_SAME_TIME = 1e-6  # tolerance for equal times that differ by rounding, in steps
+LONGEST_STEP = 2.0  # a step longer than this many median steps is a gap, without interpolation
+_SAME_TIME = 1e-6  # tolerance of equal times, for their rounding [steps]
 
 
 def other_drive(reference: Trajectory, track: Trajectory, gps: GpsData | None) -> float:
-    """Return the distance of a reference from the fixes [m], if it moves differently from both; else zero."""
+    """Return the median distance of a reference of another drive from the fixes [m]; zero if the drive is the same.
+
+    The reference of another drive does not follow the fixes, whereas the track does.
+    """
     if gps is None:
         return 0.0
     inside = (gps.time >= reference.time[0]) & (gps.time <= reference.time[-1]) & np.isfinite(gps.lla[:, 0])
@@ -42,26 +46,26 @@ def other_drive(reference: Trajectory, track: Trajectory, gps: GpsData | None) -
         return 0.0
     time, fixes = gps.time[inside], gps.lla[inside]
     origin = np.median(fixes, axis=0)
-    here = ned_offset(fixes, origin)[:, :2]
-    theirs, mine = (_at(time, each.time, ned_offset(each.lla, origin)) - here for each in (reference, track))
-    if _spread(theirs) < max(APART, OTHERWISE * _spread(here)) or _spread(mine) > ALIKE * _spread(theirs):
+    fixed = ned_offset(fixes, origin)[:, :2]
+    offset, misfit = (_at(time, each.time, ned_offset(each.lla, origin)) - fixed for each in (reference, track))
+    if _spread(offset) < max(APART, OTHERWISE * _spread(fixed)) or _spread(misfit) > ALIKE * _spread(offset):
         return 0.0
-    return float(np.median(np.linalg.norm(theirs, axis=1)))
+    return float(np.median(np.linalg.norm(offset, axis=1)))
 
 
 def no_time_in_common(reference: Trajectory, track: Trajectory) -> InputError:
-    """Build the error for a reference of another time, with whole hours, days and leap seconds as correction."""
+    """Build the error for no common time; suggest a clock offset of half hours and leap seconds if the tracks match."""
     values: dict[str, Any] = {"reference_s": tuple(reference.time[[0, -1]]) if len(reference.time) else ()}
     values |= {"solution_s": tuple(track.time[[0, -1]]) if len(track.time) else ()}
-    offset, far = _hours_off(reference, track)
+    offset, distance = _hours_off(reference, track)
     if not offset:
         return InputError("ref.no_common_time", **values)
     values |= named_offset(offset, 0.0)[1]
-    return InputError("ref.no_common_time_offset", offset_s=offset, apart_m=far, **values)
+    return InputError("ref.no_common_time_offset", offset_s=offset, apart_m=distance, **values)
 
 
 def apart(reference: Trajectory, track: Trajectory) -> Callable[[float], FloatArray]:
-    """Build a function: distance of reference epochs from a track, (k, 2) [m], by clock lead [s]."""
+    """Return a function of the lead of the reference clock [s]: reference minus track North, East, (k, 2) [m]."""
     rows = np.unique(np.linspace(0, len(reference.time) - 1, EPOCHS).astype(np.int64))
     time, origin = reference.time[rows], track.lla[0]
     there, here = ned_offset(reference.lla[rows], origin)[:, :2], ned_offset(track.lla, origin)
@@ -74,26 +78,26 @@ def apart(reference: Trajectory, track: Trajectory) -> Callable[[float], FloatAr
 
 
 def _hours_off(reference: Trajectory, track: Trajectory) -> tuple[float, float]:
-    """Find half hours and leap seconds that match a reference to a track [s], and their distance then [m]; or zero."""
+    """Find the clock offset in half hours and leap seconds that matches two tracks [s], and their distance [m]."""
     if not (len(reference.time) and len(track.time)):
         return 0.0, 0.0
-    away = apart(reference, track)
-    least, most = track.time[0] - reference.time[-1], track.time[-1] - reference.time[0]
-    zones = ZONE * np.arange(np.floor((least - LEAP) / ZONE), np.ceil((most + LEAP) / ZONE) + 1.0)
-    found = (0.0, ALIKE * _spread(ned_offset(track.lla, track.lla[0])[:, :2]))
+    difference = apart(reference, track)
+    earliest, latest = track.time[0] - reference.time[-1], track.time[-1] - reference.time[0]
+    zones = ZONE * np.arange(np.floor((earliest - LEAP) / ZONE), np.ceil((latest + LEAP) / ZONE) + 1.0)
+    best = (0.0, ALIKE * _spread(ned_offset(track.lla, track.lla[0])[:, :2]))
     for offset in (zones[:, None] + [0.0, LEAP, -LEAP]).ravel():
-        if len(there := away(-offset)) >= FEWEST:
-            found = min(found, (float(offset), float(np.median(np.linalg.norm(there, axis=1)))), key=itemgetter(1))
-    return found
+        if len(gap := difference(-offset)) >= FEWEST:
+            best = min(best, (float(offset), float(np.median(np.linalg.norm(gap, axis=1)))), key=itemgetter(1))
+    return best
 
 
 def _at(time: FloatArray, known: FloatArray, place: FloatArray) -> FloatArray:
-    """Interpolate north and east at other times."""
+    """Interpolate places (n, 2 or 3) North, East at other times, (m, 2)."""
     return np.column_stack([np.interp(time, known, axis) for axis in place.T[:2]])
 
 
 def _spread(place: FloatArray) -> float:
-    """Compute the median distance from the middle [m]."""
+    """Compute the median distance of places from their median place [m]."""
     return float(np.median(np.linalg.norm(place - np.median(place, axis=0), axis=1)))
 
 
@@ -136,8 +140,8 @@ def position_errors(
 
     Reference epochs outside the estimate's span, or inside one of its gaps, are omitted.
 
-    `estimate`: its velocity and attitude make the interpolation and the lever arm exact. `lever_b` (3,): the point of
-    the reference seen from the point of the estimate, body axes [m].
+    `estimate`: trajectory to evaluate; interpolation uses its velocity, the lever arm its attitude. `lever_b` (3,): the
+    point of the reference seen from the point of the estimate, body axes [m].
     Raises: InputError: no epoch of the reference lies inside the estimate.
     """
     if lever_b is not None:
@@ -160,18 +164,18 @@ def position_errors(
 
 
 def interpolated(track: Trajectory, time: FloatArray) -> Trajectory:
-    """Interpolate a trajectory at the times (m,) [s] that it covers; see `_interpolated`."""
+    """Interpolate a trajectory at times (m,) [s], without times outside it or in its gaps; see `_interpolated`."""
     index, share, covered = _brackets(track.time, time)
     return Trajectory(time[covered], *_interpolated(track, index[covered], share[covered]))
 
 
 def on_clock(errors: TrajectoryErrors, track: Trajectory, late: float) -> TrajectoryErrors:
-    """Compute position errors of a track with reference times reduced by `late` [s]."""
+    """Correct the position errors of a track for a reference clock that leads by `late` [s]."""
     spans = (_brackets(time, errors.time) for time in (track.time + late, track.time))
     (earlier, part, inside), (index, share, covered) = spans
     rows = inside & covered
-    there, here = (_interpolated(track, i[rows], s[rows])[0] for i, s in ((earlier, part), (index, share)))
-    return replace(errors.rows(rows), position=errors.position[rows] + ned_offset(there, here))
+    corrected, original = (_interpolated(track, i[rows], s[rows])[0] for i, s in ((earlier, part), (index, share)))
+    return replace(errors.rows(rows), position=errors.position[rows] + ned_offset(corrected, original))
 
 
 def at_point(trajectory: Trajectory, lever_b: FloatArray) -> Trajectory:
@@ -182,8 +186,8 @@ def at_point(trajectory: Trajectory, lever_b: FloatArray) -> Trajectory:
 
     Notes
     -----
-    Groves (2013), section 14.3.1. The rotation rate comes from the attitude, by differencing the lever arm in local
-    axes.
+    Groves (2013), section 14.3.1. Differences of the lever arm in local axes replace the product of rotation rate and
+    lever arm.
     """
     lever_n = attitude.dcm_from_rph(trajectory.rph) @ np.asarray(lever_b, dtype=np.float64)
     v_n = trajectory.v_n + _rates(trajectory.time, lever_n)
@@ -193,8 +197,8 @@ def at_point(trajectory: Trajectory, lever_b: FloatArray) -> Trajectory:
 def accuracy(errors: TrajectoryErrors) -> dict[str, Any] | None:
     """Compute mean, RMS, 95 % and largest error of every quantity in the reference.
 
-    Returns: ``n``. For each quantity (``north_m``, ``horizontal_m``, ``velocity_down_m_s``, ``heading_deg``, …) a dict
-    of ``mean``, ``rms``, ``p95``, ``max`` (the last two of the absolute error). None if the reference lacks it.
+    Returns: ``n``, the number of epochs. For each quantity (``north_m``, ``horizontal_m``, …) a dict of ``mean``,
+    ``rms``, ``p95``, ``max`` (the last two of the absolute error). None if the reference lacks the quantity.
     ``cep50_m`` and ``r95_m``: radii that contain 50 % and 95 % of the horizontal errors. None without epochs.
     """
     if not len(errors.time):
@@ -258,7 +262,7 @@ def _statistics(error: FloatArray) -> dict[str, float] | None:
 
 
 def _brackets(time: FloatArray, wanted: FloatArray) -> tuple[IntArray, FloatArray, BoolArray]:
-    """Find the interval of `time` around each wanted time, the position in it, and whether it is usable."""
+    """Return the interval of `time` around each wanted time, the elapsed share of it, and False in a gap or outside."""
     if len(time) < 2:
         return np.zeros(len(wanted), dtype=np.intp), np.zeros(len(wanted)), np.isin(wanted, time)
     index = np.clip(np.searchsorted(time, wanted, side="right") - 1, 0, len(time) - 2)
@@ -274,7 +278,7 @@ def _gaps(step: FloatArray) -> BoolArray:
 
 
 def _rates(time: FloatArray, value: FloatArray) -> FloatArray:
-    """Compute slopes of values at their own times, second order, one-sided next to a gap."""
+    """Compute time derivatives of values (n, k) at their times, to second order, one-sided next to a gap."""
     if len(time) < 2:
         return np.zeros_like(value)
     step = np.diff(time)
@@ -282,8 +286,8 @@ def _rates(time: FloatArray, value: FloatArray) -> FloatArray:
     weight = np.where(_gaps(step), 0.0, 1.0 / step)
     before, after = np.append(0.0, weight), np.append(weight, 0.0)
     total = before + after
-    alone = total == 0.0  # a sample between two gaps has zero slope: better than a slope across a gap
-    total[alone] = 1.0
+    isolated = total == 0.0  # a sample between two gaps gets zero slope, instead of a slope across a gap
+    total[isolated] = 1.0
     first, last = np.concatenate((slope[:1], slope)), np.concatenate((slope, slope[-1:]))
     return np.asarray((before[:, None] * first + after[:, None] * last) / total[:, None])
 
@@ -291,7 +295,7 @@ def _rates(time: FloatArray, value: FloatArray) -> FloatArray:
 def _interpolated(
     estimate: Trajectory, index: IntArray, share: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray | None]:
-    """Interpolate position, velocity, attitude and sd of an estimate at given shares of its intervals."""
+    """Interpolate position, velocity, attitude and sd at the shares `share` of the intervals `index` of an estimate."""
     if len(estimate.time) < 2:
         sd = None if estimate.sd is None else estimate.sd[index]
         return estimate.lla[index], estimate.v_n[index], estimate.rph[index], sd
@@ -299,6 +303,7 @@ def _interpolated(
     step = np.diff(estimate.time)[index][:, None]
     v_n = _known_velocity(estimate)
     path = ned_offset(estimate.lla[index + 1], estimate.lla[index])
+    # cubic Hermite interpolation of the displacement from the start of the interval
     moved = (
         s * (1.0 - s) ** 2 * step * v_n[index]
         + s**2 * (3.0 - 2.0 * s) * path
@@ -310,7 +315,7 @@ def _interpolated(
 
 
 def _known_velocity(trajectory: Trajectory) -> FloatArray:
-    """Return the velocity of a trajectory, else differences of its positions."""
+    """Return the velocity of a trajectory; where it is unknown, the time derivative of its positions."""
     given = np.isfinite(trajectory.v_n)
     if given.all():
         return trajectory.v_n
@@ -328,7 +333,7 @@ def _attitude(rph: FloatArray, index: IntArray, share: FloatArray) -> FloatArray
 
 
 def travelled(solution: Trajectory) -> tuple[float, float, float]:
-    """Compute distance and time in motion, and largest speed, without the noise of a stationary vehicle.
+    """Compute distance and time in motion, and largest speed. Slow epochs count as stationary.
 
     Returns: `distance` [m]. `moving`: time faster than `MOVING_M_S` [s]. `fastest` [m/s].
     """
@@ -338,12 +343,12 @@ def travelled(solution: Trajectory) -> tuple[float, float, float]:
 
 
 class Solution(NamedTuple):
-    """Solution of a run."""
+    """Solution of a run, for comparison with a reference."""
 
     run: str  # name of the run
-    solution: str  # filtered or smoothed
+    solution: str  # kind of solution: filtered or smoothed
     trajectory: Trajectory
-    lever_b: FloatArray  # (3,) its antenna seen from the IMU, body axes [m]
+    lever_b: FloatArray  # (3,) antenna of the run seen from the IMU, body axes [m]
 
 
 @dataclass(frozen=True, slots=True)
@@ -351,16 +356,16 @@ class Compared:
     """Errors of a solution of a run."""
 
     run: str  # name of the run
-    solution: str  # filtered or smoothed
-    errors: TrajectoryErrors  # at the common epochs of all runs
+    solution: str  # kind of solution: filtered or smoothed
+    errors: TrajectoryErrors  # errors at the common epochs of all runs
 
 
 @dataclass(frozen=True, slots=True)
 class Comparison:
     """Comparison of runs with one reference."""
 
-    reference: Trajectory  # at the common epochs and possibly others
-    compared: tuple[Compared, ...]  # in input order, the smoothed solution after the filtered one of a run
+    reference: Trajectory  # reference with all its epochs
+    compared: tuple[Compared, ...]  # in input order; a smoothed solution follows the filtered one of its run
 
     def rows(self) -> list[dict[str, Any]]:
         """List the accuracy of each solution.
@@ -393,7 +398,7 @@ def compare_solutions(
 ) -> Comparison:
     """Compare solutions with a reference, at their common epochs.
 
-    `lever_b` (3,): the point of the reference seen from the IMU, body axes [m]; None for the antenna of each.
+    `lever_b` (3,): the point of the reference seen from the IMU, body axes [m]; None for the antenna of each run.
     Raises: InputError: no epoch common to all solutions and the reference.
     """
     errors = []
@@ -404,12 +409,12 @@ def compare_solutions(
         except InputError as error:
             error.where = error.where or each.run
             raise
-    shared = reduce(np.intersect1d, [each.time for each in errors])
-    if len(shared) == 0:
-        ends = [(of.run, *each.time[[0, -1]]) for of, each in zip(solutions, errors, strict=True)]
+    common = reduce(np.intersect1d, [each.time for each in errors])
+    if len(common) == 0:
+        ends = [(source.run, *each.time[[0, -1]]) for source, each in zip(solutions, errors, strict=True)]
         raise InputError("compare.no_common_time", spans=tuple(f"{run}: {a:.1f} … {b:.1f} s" for run, a, b in ends))
     compared = (
-        Compared(of.run, of.solution, each.rows(np.isin(each.time, shared)))
-        for of, each in zip(solutions, errors, strict=True)
+        Compared(source.run, source.solution, each.rows(np.isin(each.time, common)))
+        for source, each in zip(solutions, errors, strict=True)
     )
     return Comparison(reference, tuple(compared))

@@ -2,9 +2,9 @@
 
 The error of a level, north-pointing navigator without vertical channel has two parts. The axes of the computed inertial
 frame, with the error ``psi``, rotate with the Earth once a day and with the gyro drift. The horizontal position
-oscillates about the equilibrium of these axes and the accelerometers. This is a Foucault pendulum of the length of the
-Earth's radius, with a period of 84 minutes. Its plane rotates at the Earth's rate times the sine of latitude. Errors
-over time have a closed form, and the periods are found in a record.
+oscillates about the equilibrium of these axes and the accelerometers, with a period of 84 minutes. It moves like a
+Foucault pendulum as long as the Earth's radius, whose plane rotates at the Earth's rate times the sine of latitude.
+`static_errors` is the closed form of these errors over time. `measured_periods` estimates the periods from a record.
 
 References
 ----------
@@ -32,20 +32,20 @@ from insnav.simulate import Truth, circle, imu_from_truth, reference, straight
 from insnav.types import FloatArray, Trajectory
 from insnav.units import DEG, DEG_PER_H, UG
 
-FAINT = 0.01  # a smaller motion, relative to the whole, has no measurable period
+FAINT = 0.01  # an oscillation below this share of the largest amplitude has no measurable period [-]
 SEARCH = 0.1  # relative search range around the expected periods
 ComplexArray = NDArray[np.complex128]
-SHORTEST_RECORD = 0.5  # of a day: a shorter record does not separate the slow oscillations
-SINE_STEPS = (40, 80, 160, 320)  # steps over `SINE_END`: coarse enough that no rule reaches rounding
+SHORTEST_RECORD = 0.5  # a shorter record does not separate the slow oscillations [days]
+SINE_STEPS = (40, 80, 160, 320)  # numbers of steps from 0 to `SINE_END`: errors of all integrators exceed rounding
 SINE_END = 5.0
 REST_M_S = 0.1  # a slower error-free platform is at rest
 AGAINST: Integrator = "fourth"  # reference integrator of the comparison
-# of the demonstration
+# inputs of the demonstration
 LAT = 45.0 * DEG
-HEIGHT, SPEED, ROUND = 5000.0, 150.0, 600.0  # of the holding pattern [m], [m/s], [s]
-FLIGHT, FLIGHT_RATES = 1800.0, (1.0, 10.0, 100.0)  # [s], [Hz]
-DAY, DAY_RATE = 86400.0, 10.0
-PATTERN, PATTERN_RATE = 7200.0, 50.0
+HEIGHT, SPEED, ROUND = 5000.0, 150.0, 600.0  # holding pattern: height [m], speed [m/s], time of one circle [s]
+FLIGHT, FLIGHT_RATES = 1800.0, (1.0, 10.0, 100.0)  # duration [s] and sampling rates [Hz], in circles
+DAY, DAY_RATE = 86400.0, 10.0  # duration [s] and sampling rate [Hz] at rest
+PATTERN, PATTERN_RATE = 7200.0, 50.0  # duration [s] and sampling rate [Hz] in circles, compared with strapdown
 ERRORS = PlatformErrors(
     tilt=np.array([0.0, 0.0, 1.0 / 60.0]) * DEG,
     drift=np.array([0.01, 0.01, 0.01]) * DEG_PER_H,
@@ -57,19 +57,18 @@ ERRORS = PlatformErrors(
 class Periods:
     """Periods of the error oscillations [s]."""
 
-    schuler: float  # of the pendulum of the Earth's radius, about ``2 pi sqrt(R / g)``
-    foucault: float  # of the rotation of the oscillation plane
-    earth: float | None  # of the Earth's rotation; None if not observable
+    schuler: float  # Schuler oscillation, about ``2 pi sqrt(R / g)`` with the Earth's radius R
+    foucault: float  # rotation of the oscillation plane
+    earth: float | None  # rotation of the Earth; None if not observable
 
 
 @dataclass(frozen=True, slots=True)
 class StaticErrors:
-    """Errors of a stationary navigator over time."""
+    """Errors of a stationary navigator as functions of time."""
 
-    time: FloatArray  # (n,) since the start [s]
-    # (n, 2) North, East [m], [m/s]
-    position: FloatArray
-    velocity: FloatArray
+    time: FloatArray  # (n,) time since the start [s]
+    position: FloatArray  # (n, 2) position error North, East [m]
+    velocity: FloatArray  # (n, 2) velocity error North, East [m/s]
     tilt: FloatArray  # (n, 3) rotation from the true North, East, Down to the navigator's axes [rad]
 
 
@@ -108,8 +107,8 @@ def static_errors(time: FloatArray, lat: float, height: float, errors: PlatformE
         ``x_N'' + 2 W sin(L) x_E' + k_N x_N =  g psi_E + b_N``
         ``x_E'' - 2 W sin(L) x_N' + k_E x_E = -g psi_N + b_E``.
 
-    The first equation has a solution with terms 1, t, cos(W t), sin(W t). Each gives a term of the second solution. The
-    pendulum's two free oscillations make initial position and velocity zero.
+    psi has terms in 1, t, cos(W t) and sin(W t). Each term drives one forced motion of x_N and x_E. Two free pendulum
+    oscillations are added, so that initial position and velocity are zero.
     """
     t = np.asarray(time, dtype=float)
     lat = float(lat)
@@ -140,11 +139,11 @@ def static_errors(time: FloatArray, lat: float, height: float, errors: PlatformE
     forced = steady + ramp * t[:, None] + daily * np.exp(1j * phase)
     forced_rate = ramp + 1j * omega * daily * np.exp(1j * phase)
     # free oscillations, whose initial values cancel the forced part
-    own, shape = np.linalg.eig(np.block([[np.zeros((2, 2)), np.eye(2)], [-stiffness, -turning]]))
-    size = np.linalg.solve(shape, -np.concatenate([(steady + daily).real, (ramp + 1j * omega * daily).real]))
-    swing = ((size * np.exp(np.outer(t, own))) @ shape.T).real
+    eigenvalue, eigenvector = np.linalg.eig(np.block([[np.zeros((2, 2)), np.eye(2)], [-stiffness, -turning]]))
+    amplitude = np.linalg.solve(eigenvector, -np.concatenate([(steady + daily).real, (ramp + 1j * omega * daily).real]))
+    swing = ((amplitude * np.exp(np.outer(t, eigenvalue))) @ eigenvector.T).real
     position, velocity = forced.real + swing[:, :2], forced_rate.real + swing[:, 2:]
-    # dtheta = (dlon cos L, -dL, -dlon sin L)
+    # position error as a rotation: dtheta = (dlon cos L, -dL, -dlon sin L)
     north, east = (position / radius).T
     tilt = psi + np.column_stack([east, -north, -east * np.tan(lat)])
     return StaticErrors(t, position, velocity, np.asarray(tilt))
@@ -160,8 +159,8 @@ def measured_periods(time: FloatArray, position: FloatArray, lat: float, height:
     Notes
     -----
     The fit of ``x_N + i x_E`` has a constant, a ramp and six circular motions: four of the pendulum and two at the
-    Earth's rate. The three rates are free within a tenth, and all amplitudes are free. It uses nothing of the closed
-    form's amplitudes. An accelerometer bias alone causes no motion at the Earth's rate, which then has no period.
+    Earth's rate. The fit estimates the three rates within a tenth of the expected ones, and all amplitudes, so that it
+    is independent of the closed form. An accelerometer bias alone causes no motion at the Earth's rate (None).
     """
     if time[-1] - time[0] < SHORTEST_RECORD * 86400.0:
         raise InputError(
@@ -203,9 +202,8 @@ class Convergence:
     """Largest error of an integrator for several step sizes."""
 
     integrator: Integrator
-    # (n,)
-    step: FloatArray
-    error: FloatArray
+    step: FloatArray  # (n,) step sizes, in the unit of the independent variable
+    error: FloatArray  # (n,) largest error with each step size
 
     @property
     def order(self) -> float:
@@ -217,18 +215,17 @@ class Convergence:
 class PlatformComparison:
     """Platform and strapdown navigator with equal errors on the same motion."""
 
-    time: FloatArray  # (n,) [s]
-    # (n, 3) error of position North, East, Down [m]; both height-constrained
-    platform: FloatArray
-    strapdown: FloatArray
+    time: FloatArray  # (n,) times [s]
+    platform: FloatArray  # (n, 3) position error North, East, Down of the height-constrained platform [m]
+    strapdown: FloatArray  # (n, 3) position error of the height-constrained strapdown navigator [m]
 
 
 @dataclass(frozen=True, slots=True)
 class Demonstration:
-    """Integrators on a sine and a known flight; platform and strapdown navigator at rest and in circles."""
+    """Errors of integrators on a sine and a flight, and of platform and strapdown navigator at rest and in circles."""
 
     orders: Sequence[Convergence]
-    flight: Mapping[float, Sequence[TrajectoryErrors]]  # by sampling rate [Hz], in the order of `INTEGRATORS`
+    flight: Mapping[float, Sequence[TrajectoryErrors]]  # errors by sampling rate [Hz], in the order of `INTEGRATORS`
     rest: PlatformComparison
     turning: PlatformComparison
 
@@ -238,9 +235,9 @@ class PlatformStudy:
     """Record of specific force, integrated by all integrators."""
 
     chosen: Integrator  # integrator of the main solution
-    runs: Mapping[Integrator, PlatformRun]  # by integrator; with the errors of the platform
+    runs: Mapping[Integrator, PlatformRun]  # runs with the errors of the platform, by integrator
     errors: PlatformErrors
-    reference: Trajectory | None  # reference of the integrators
+    reference: Trajectory | None  # reference for the comparison of integrators
 
     @property
     def run(self) -> PlatformRun:
@@ -258,7 +255,7 @@ class PlatformStudy:
         return static_errors(run.solution.time - run.solution.time[0], start[0], start[2], self.errors)
 
     def differences(self) -> dict[Integrator, TrajectoryErrors]:
-        """Compare each integrator, on an error-free platform, with the reference, else with the fourth-order one."""
+        """Compare error-free runs with the reference; without it, compare solutions with the fourth-order one."""
         if self.reference is not None:
             return {name: position_errors(run.undisturbed, self.reference) for name, run in self.runs.items()}
         fourth = self.runs[AGAINST].solution
@@ -279,14 +276,14 @@ def demonstrate() -> Demonstration:
 
 def sine_convergence() -> list[Convergence]:
     """Compute each integrator's largest error of the integral of sin(t) from 0 to 5; truth is 1 - cos(t)."""
-    found = []
+    convergences = []
     for name in INTEGRATORS:
         errors = []
         for count in SINE_STEPS:
             t = np.linspace(0.0, SINE_END, count + 1)
             errors.append(float(np.abs(integral(t, np.sin(t), name) - (1.0 - np.cos(t))).max()))
-        found.append(Convergence(name, SINE_END / np.array(SINE_STEPS), np.array(errors)))
-    return found
+        convergences.append(Convergence(name, SINE_END / np.array(SINE_STEPS), np.array(errors)))
+    return convergences
 
 
 def level_force(truth: Truth, time: FloatArray) -> FloatArray:
@@ -307,18 +304,18 @@ def integrator_errors(
     `truth`: a motion at constant height, without vertical channel. `rates`: samples per second [Hz]. `keep`: interval
     of the returned errors [s], at least the sample interval.
     """
-    found = {}
+    errors = {}
     for rate in rates:
         time = truth.start + np.arange(round(truth.duration * rate) + 1) / rate
         force, start = level_force(truth, time), truth.evaluate(time[:1])
         every = max(1, round(keep * rate))
-        at = reference(truth, time[::every])
+        actual = reference(truth, time[::every])
         runs = (
             navigate_platform(time, force, start.lla[0], start.v_n[0], integrator=name, every=every)
             for name in INTEGRATORS
         )
-        found[rate] = [position_errors(run.solution, at) for run in runs]
-    return found
+        errors[rate] = [position_errors(run.solution, actual) for run in runs]
+    return errors
 
 
 def compare_with_strapdown(truth: Truth, errors: PlatformErrors, rate: float, keep: float) -> PlatformComparison:
@@ -331,16 +328,16 @@ def compare_with_strapdown(truth: Truth, errors: PlatformErrors, rate: float, ke
     """
     time = truth.start + np.arange(round(truth.duration * rate) + 1) / rate
     every = max(1, round(keep * rate))
-    at = reference(truth, time[::every])
+    actual = reference(truth, time[::every])
     run = navigate_platform(
-        time, level_force(truth, time), at.lla[0], at.v_n[0], integrator="fourth", errors=errors, every=every
+        time, level_force(truth, time), actual.lla[0], actual.v_n[0], integrator="fourth", errors=errors, every=every
     )
     imu = imu_from_truth(truth, time, "instant")
     imu.gyro[:] -= errors.drift
     imu.accel[:] += errors.bias
-    after = strapdown.increments(strapdown.intervals(imu)).rows(slice(1, None))
-    held = np.full(len(after.time), at.lla[0, 2]), np.zeros(len(after.time))
-    start = rph_from_quat(quat_multiply(quat_from_rotvec(-errors.tilt), quat_from_rph(at.rph[0])))
-    other = strapdown.navigate(after, at.lla[0], at.v_n[0], start, vertical=held, every=every)
-    apart = np.concatenate([np.zeros((1, 3)), ned_offset(other.lla, at.lla[1:])])
-    return PlatformComparison(at.time, ned_offset(run.solution.lla, at.lla), apart)
+    inc = strapdown.increments(strapdown.intervals(imu)).rows(slice(1, None))
+    fixed = np.full(len(inc.time), actual.lla[0, 2]), np.zeros(len(inc.time))
+    start = rph_from_quat(quat_multiply(quat_from_rotvec(-errors.tilt), quat_from_rph(actual.rph[0])))
+    solution = strapdown.navigate(inc, actual.lla[0], actual.v_n[0], start, vertical=fixed, every=every)
+    difference = np.concatenate([np.zeros((1, 3)), ned_offset(solution.lla, actual.lla[1:])])
+    return PlatformComparison(actual.time, ned_offset(run.solution.lla, actual.lla), difference)

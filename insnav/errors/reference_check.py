@@ -1,7 +1,7 @@
 """Plausibility of a reference: its clock, velocities copied from the fixes, its headings, a constant difference.
 
-Each is compared with the solution from gyros and fixes; a finding reports the action. A constant difference is another
-point of the vehicle, another datum, or another height.
+Each check compares the reference with the solution from IMU and fixes, and reports a finding. A constant difference
+means that the reference has another point on the vehicle, another datum, or another kind of height.
 """
 
 from __future__ import annotations
@@ -23,59 +23,60 @@ from insnav.types import BoolArray, FloatArray, GpsData, IntArray, Run, Trajecto
 from insnav.units import DEG
 
 FEWEST = 100  # least number of epochs
-BLOCKS = 10  # of the jackknife: errors of neighbouring epochs are correlated
-TURNED = 0.3  # least direction change, as the RMS distance of unit vectors from their mean [-]
-_CLEAR = 5.0  # significance of another point in standard deviations ...
-LEAST = 0.05  # ... its least distance [m] ...
-WORTH = 0.8  # ... and the largest remaining share of the difference: an inaccurate run has offsets, too
-HORIZONTAL, VERTICAL = slice(2), slice(2, 3)  # axes of a position
-GEOID = 10.0  # mean height difference that navigation errors cannot cause [m]
-LARGEST_UNDULATION = 110.0  # of EGM2008 -107 to 86 m [m]
+BLOCKS = 10  # parts of a drive for the jackknife, as errors of neighbouring epochs are correlated
+TURNED = 0.3  # least spread of headings: RMS distance of forward unit vectors from their mean [-]
+_CLEAR = 5.0  # least significance of another reference point, in standard deviations
+LEAST = 0.05  # least distance of another reference point [m]
+WORTH = 0.8  # another point must reduce the RMS below this share: an inaccurate run has offsets, too [-]
+HORIZONTAL, VERTICAL = slice(2), slice(2, 3)  # columns of a position North, East, Down
+GEOID = 10.0  # mean height difference, too large for navigation errors [m]
+LARGEST_UNDULATION = 110.0  # limit of geoid undulations, which are -107 to 86 m in EGM2008 [m]
 FARTHEST, STEP = 30.0, 0.25  # range and step of the search for a clock error [s]
 LEAST_CLOCK, CLEAR = 0.03, 5.0  # least reported clock error [s], and its significance in standard deviations
-STANDS, FOLLOWS = 0.2, 0.9  # speed at rest [m/s], and resultant of heading minus course of a wheeled vehicle [-]
-IN_PLACE, TIGHTEST = 5.0 * DEG, 4.0  # impossible turn at rest [rad], smallest turn radius [m]
-DENSE, GAP = 0.1, 2.0  # row interval that resolves turns, and gaps that hide them [s]
-LATE = 0.1  # delay of the fixes beyond normal receivers and loggers [s]
+STANDS, FOLLOWS = 0.2, 0.9  # wheeled vehicle: largest speed at rest [m/s], least resultant of heading minus course
+IN_PLACE, TIGHTEST = 5.0 * DEG, 4.0  # least reported turn at rest [rad], smallest turn radius of a vehicle [m]
+DENSE, GAP = 0.1, 2.0  # row interval that resolves turns; gap that may hide motion [s]
+LATE = 0.1  # least reported delay of fixes, larger than with normal receivers and loggers [s]
 SURE_LATE = 2.0  # significance of a delay in standard deviations
 STEADY = 1.0  # scatter of the speed below which a clock error resembles a position error [m/s]
 FAST = 2.0  # speed above which the course is used as heading [m/s]
 LEAST_TILT = 0.3 * DEG  # least scatter of roll and pitch differences that is examined [rad]
-LEAST_HEADING, LEAST_TURN, SURE = 1.0 * DEG, 5.0 * DEG, 5.0  # contradictions of heading: all, some, significance in sd
+# least reported heading difference: constant [rad], temporary [rad]; significance in sd
+LEAST_HEADING, LEAST_TURN, SURE = 1.0 * DEG, 5.0 * DEG, 5.0
 _MOST = 0.9  # a larger share of the epochs counts as all of them
-_SAME = 0.5  # relative difference of fix delay and clock error, if the delay is the main cause
+_SAME = 0.5  # a fix delay explains a clock error that it reduces below this share [-]
 
 
 @dataclass(frozen=True, slots=True)
 class ReferenceOffset:
     """Constant parts of the difference between a run and its reference."""
 
-    body: FloatArray  # (2,) forward, right: point of the reference seen from the compared point [m]
-    body_sd: FloatArray  # (2,)
-    horizontal_rms: float  # of the uncorrected difference [m]
-    horizontal_rms_without: float  # with that point moved [m]
+    body: FloatArray  # (2,) point of the reference seen from the compared point, forward and right [m]
+    body_sd: FloatArray  # (2,) standard deviation of `body` [m]
+    horizontal_rms: float  # RMS of the uncorrected difference [m]
+    horizontal_rms_without: float  # RMS after moving the compared point by `body` [m]
     down: float  # mean height difference, positive if the reference is higher [m]
-    surest_down: float  # weighted by stated variances: heights drift without fixes [m]
+    surest_down: float  # `down` weighted by inverse stated variances, as heights drift without fixes [m]
 
     @property
     def clear(self) -> bool:
-        """True if the point differs significantly."""
+        """True if the reference has significantly another point."""
         explained = self.horizontal_rms_without < WORTH * self.horizontal_rms
         return explained and bool((np.abs(self.body) > np.maximum(LEAST, _CLEAR * self.body_sd)).any())
 
     @property
     def geoid(self) -> bool:
-        """True if heights differ like ellipsoid and mean sea level."""
+        """True if the mean height difference is as large as between ellipsoid and mean sea level."""
         return abs(self.surest_down) > GEOID
 
 
 def reference_offset(
     errors: TrajectoryErrors, track: Trajectory, lever_sd: FloatArray | None = None
 ) -> ReferenceOffset | None:
-    """Fit a body-fixed and a local offset to the horizontal errors.
+    """Fit a body-fixed and a ground-fixed offset to the horizontal errors.
 
-    Error = estimate - reference, so that another point on the vehicle adds ``-C b``, whereas a datum offset is fixed to
-    the ground. A lever-arm error of the run also rotates with the vehicle: `lever_sd` (3,) [m].
+    Another reference point b on the vehicle adds ``-C b`` to estimate minus reference. Another datum adds a constant in
+    North and East. A lever-arm error also rotates with the vehicle, so `lever_sd` (3,) [m] adds to the sd of b.
 
     Returns: None with few epochs, or without turns.
     """
@@ -86,7 +87,7 @@ def reference_offset(
     c = dcm_from_rph(track.rph[rows_at(track, errors.time[known])])[:, :2, :2]
     if np.sqrt(np.sum(np.var(c[:, :, 0], axis=0))) < TURNED:
         return None
-    terms = np.concatenate([-c, np.broadcast_to(np.eye(2), c.shape)], axis=2)  # body forward, right; north, east
+    terms = np.concatenate([-c, np.broadcast_to(np.eye(2), c.shape)], axis=2)  # unknowns: forward, right, north, east
     weight = stated_weights(errors, HORIZONTAL)[known, None]
     value, value_sd = jackknifed(terms * weight[..., None], position[:, :2] * weight)
     body, sd = value[:2], value_sd[:2] if lever_sd is None else np.hypot(value_sd[:2], lever_sd[:2])
@@ -102,7 +103,7 @@ def reference_offset(
 
 
 def stated_weights(errors: TrajectoryErrors, axes: slice) -> FloatArray:
-    """Weight epochs by stated position standard deviation, 1 for the smallest, (m,).
+    """Compute weights of epochs by inverse stated position sd, 1 for the smallest sd, (m,).
 
     Epochs after minutes without fixes get small weight. Without standard deviations all weights are 1.
     """
@@ -111,27 +112,27 @@ def stated_weights(errors: TrajectoryErrors, axes: slice) -> FloatArray:
 
 
 def rows_at(track: Trajectory, time: FloatArray) -> IntArray:
-    """Return the row of a track at each time, or the next row."""
+    """Return the first row of a track at or after each time, or the last row."""
     return np.searchsorted(track.time, time).clip(max=len(track.time) - 1)
 
 
 def jackknifed(terms: FloatArray, values: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Fit k unknowns to pairs of values ``(n, 2)`` by their `terms` ``(n, 2, k)``, with standard deviations.
+    """Fit k unknowns to values ``(n, 2)`` with coefficients `terms` ``(n, 2, k)`` by least squares, with their sds.
 
-    The jackknife uses ten parts of the drive, as errors are correlated (Efron and Tibshirani, "An Introduction to the
-    Bootstrap", 1993, chapter 11).
+    The jackknife leaves out each tenth of the drive in turn, as errors of neighbouring epochs are correlated (Efron and
+    Tibshirani, "An Introduction to the Bootstrap", 1993, chapter 11).
     """
     normal, right = np.swapaxes(terms, 1, 2) @ terms, np.einsum("nij,ni->nj", terms, values)
     parts = np.array_split(np.arange(len(values)), BLOCKS)
     sums = [(normal[part].sum(axis=0), right[part].sum(axis=0)) for part in parts]
-    whole = sum(each[0] for each in sums), sum(each[1] for each in sums)
-    found = np.linalg.lstsq(*whole, rcond=None)[0]
-    left_out = np.array([np.linalg.lstsq(whole[0] - a, whole[1] - b, rcond=None)[0] for a, b in sums])
-    return found, np.sqrt((BLOCKS - 1) / BLOCKS * np.sum((left_out - left_out.mean(axis=0)) ** 2, axis=0))
+    total = sum(each[0] for each in sums), sum(each[1] for each in sums)
+    estimate = np.linalg.lstsq(*total, rcond=None)[0]
+    left_out = np.array([np.linalg.lstsq(total[0] - a, total[1] - b, rcond=None)[0] for a, b in sums])
+    return estimate, np.sqrt((BLOCKS - 1) / BLOCKS * np.sum((left_out - left_out.mean(axis=0)) ** 2, axis=0))
 
 
 def offset_findings(found: ReferenceOffset, taken: FloatArray) -> list[Finding]:
-    """Report offsets and advice. `taken` (3,): compared point, from the IMU [m]."""
+    """Report offsets and advice. `taken` (3,): compared point, seen from the IMU [m]."""
     findings = []
     if found.clear:
         names = ("forward_m", "right_m", "forward_sd_m", "right_sd_m", "rms_m", "corrected_m", "x_m", "y_m", "z_m")
@@ -168,8 +169,8 @@ def check_reference(
 
     if not (len(reference.time) and len(track.time)):
         raise no_time_in_common(reference, track)
-    if far := other_drive(reference, track, gps):
-        add(Code.REF_OTHER_DRIVE, distance_m=far)
+    if distance := other_drive(reference, track, gps):
+        add(Code.REF_OTHER_DRIVE, distance_m=distance)
         return reference, findings
     fit = fit_velocities(reference.time, reference.lla, reference.v_n)
     if fit is not None and fit.confusion:
@@ -188,12 +189,12 @@ def check_reference(
         add(Code.REF_VELOCITY_LAG, lag_s=lag, limit_s=LEAST_CLOCK)
     errors = position_errors(track, reference, lever_b=lever_b)
     late, before, after = clock_error(errors, reference, track, lever_b)
-    given = reference.time
+    time = reference.time
     if late:
         code = Code.REF_CLOCK_OF_IMU if fixes_are_late(late, delay) else Code.REF_CLOCK
         if not np.isnan(delay):
             add(code, late_s=late, limit_s=LEAST_CLOCK, rms_m=before, corrected_m=after)
-        reference = replace(reference, time=given - late)
+        reference = replace(reference, time=time - late)
         errors = position_errors(track, reference, lever_b=lever_b)
     headings = misread_headings(errors, track)
     if reading := headings or misread_tilts(reference, track):
@@ -201,22 +202,23 @@ def check_reference(
         errors = position_errors(track, reference, lever_b=lever_b)
         add(Code.REF_HEADING_MISREAD if headings else Code.REF_TILT_MISREAD, reading=reading)
     until, constant, by_course = heading_error(errors, track)
-    heading = np.arange(3) == 2
+    is_heading = np.arange(3) == 2
     if constant:
         if by_course:
-            reference = replace(reference, rph=np.where(heading, np.nan, reference.rph))
+            reference = replace(reference, rph=np.where(is_heading, np.nan, reference.rph))
         code = Code.REF_HEADING_AXES if by_course else Code.REF_HEADING_OFFSET
         add(code, angle_rad=constant, limit_rad=LEAST_HEADING)
     turn = None if until is None else turned_in_place(track)
-    own = until is not None and turn is not None and turn[0] < until < turn[1]  # caused by the solution itself
-    if until is not None and not by_course and not own:
+    # if the contradiction ends during a turn of the solution at rest, the solution is wrong, not the reference
+    by_turn = until is not None and turn is not None and turn[0] < until < turn[1]
+    if until is not None and not by_course and not by_turn:
         largest = float(np.nanmax(np.abs(errors.attitude[errors.time < until, 2])))
         rows = (reference.time < until)[:, None]
-        reference = replace(reference, rph=np.where(rows & heading, np.nan, reference.rph))
+        reference = replace(reference, rph=np.where(rows & is_heading, np.nan, reference.rph))
         add(Code.REF_HEADING_BEGIN, float(track.time[0]), until, angle_rad=largest, limit_rad=LEAST_TURN)
     offset = reference_offset(errors, track, lever_sd)
     findings += [] if offset is None else offset_findings(offset, lever_b)
-    return replace(reference, time=given), findings
+    return replace(reference, time=time), findings
 
 
 def _confusion(fit: Fit) -> Finding:
@@ -234,39 +236,40 @@ def _confusion(fit: Fit) -> Finding:
 
 
 def turned_in_place(track: Trajectory) -> tuple[float, float, float] | None:
-    """Find the largest turn of a wheeled vehicle without enough travel: begin, end [s], angle [rad]; or None.
+    """Find the largest turn of a stationary wheeled vehicle: begin, end [s], angle [rad]; None without such a turn.
 
-    In motion the heading must follow the course, unlike a drone's or a pedestrian's.
+    A vehicle is wheeled if its heading follows the course in motion, unlike a drone or a pedestrian.
     """
     if len(track.time) < FEWEST:
         return None
-    # limits memory for a day at full rate
+    # fewer rows limit the memory for a day at full rate
     every = max(1, round(DENSE / float(np.median(np.diff(track.time[:1000])))))
     track = track.rows(np.arange(0, len(track.time), every))
     spill.release()
     speed, time = np.hypot(track.v_n[:, 0], track.v_n[:, 1]), track.time
     fast = speed > FAST
-    apart = track.rph[fast, 2] - np.arctan2(track.v_n[fast, 1], track.v_n[fast, 0])
-    if apart.size < FEWEST or abs(np.mean(np.exp(1j * apart))) < FOLLOWS:
+    from_course = track.rph[fast, 2] - np.arctan2(track.v_n[fast, 1], track.v_n[fast, 0])
+    if from_course.size < FEWEST or abs(np.mean(np.exp(1j * from_course))) < FOLLOWS:
         return None
     step = np.diff(time, prepend=time[:1])
-    stands = (speed < STANDS) & (step < GAP)  # unrecorded motion is unknown
-    if not stands.any():
+    at_rest = (speed < STANDS) & (step < GAP)  # a vehicle may move in a gap
+    if not at_rest.any():
         return None
-    first, last = (runs_of(stands) - [0, 1]).T
-    turned, way = np.unwrap(track.rph[:, 2]), np.cumsum(speed * step)
-    turns = turned[last] - turned[first]
-    beyond = np.abs(turns) - (way[last] - way[first]) / TIGHTEST
-    most = int(np.argmax(beyond))
-    if beyond[most] < IN_PLACE:
+    # turn in each stationary period, beyond the turn that its small travelled distance allows
+    first, last = (runs_of(at_rest) - [0, 1]).T
+    heading, distance = np.unwrap(track.rph[:, 2]), np.cumsum(speed * step)
+    turns = heading[last] - heading[first]
+    excess = np.abs(turns) - (distance[last] - distance[first]) / TIGHTEST
+    worst = int(np.argmax(excess))
+    if excess[worst] < IN_PLACE:
         return None
-    rate = np.abs(np.diff(turned[first[most] : last[most] + 1], prepend=turned[first[most]]))
-    there = first[most] + np.flatnonzero(rate > 0.1 * rate.max())
-    return float(time[there[0]]), float(time[there[-1]]), float(turns[most])
+    rate = np.abs(np.diff(heading[first[worst] : last[worst] + 1], prepend=heading[first[worst]]))
+    turning = first[worst] + np.flatnonzero(rate > 0.1 * rate.max())
+    return float(time[turning[0]]), float(time[turning[-1]]), float(turns[worst])
 
 
 def delay_shown(run: Run) -> float:
-    """Return a significant delay of the fixes that was not specified and is not small, else zero [s]."""
+    """Return the estimated delay of the fixes if it is significant and larger than `LATE`, else zero [s]."""
     delay, sd = run.gps_delay, run.gps_delay_sd
     return delay if sd and abs(delay) >= max(LATE, SURE_LATE * sd) else 0.0
 
@@ -277,10 +280,10 @@ def fixes_are_late(late: float, delay: float) -> bool:
 
 
 def _copied(values: FloatArray, others: FloatArray) -> bool:
-    """Return whether nearly all horizontal velocities in motion equal other velocities, to a millimetre a second."""
-    mine, theirs = (np.round(each[:, 0], 3) + 1j * np.round(each[:, 1], 3) for each in (values, others))
-    mine = mine[np.abs(mine) > FAST]
-    return len(mine) >= FEWEST and bool(np.mean(np.isin(mine, theirs)) > _MOST)
+    """Return whether nearly all horizontal velocities in motion occur in the other velocities, to 1 mm/s."""
+    moving, known = (np.round(each[:, 0], 3) + 1j * np.round(each[:, 1], 3) for each in (values, others))
+    moving = moving[np.abs(moving) > FAST]
+    return len(moving) >= FEWEST and bool(np.mean(np.isin(moving, known)) > _MOST)
 
 
 def clock_error(
@@ -288,14 +291,13 @@ def clock_error(
 ) -> tuple[float, float, float]:
     """Estimate by how much the reference clock leads [s]; horizontal RMS before and after correction [m].
 
-    First the lag with the closest tracks. Then least squares with a constant offset and another reference point, to
-    separate these from a clock error. Weights follow the stated standard deviations: an epoch after minutes of drift
-    determines no clock. `errors`: of the uncorrected track. Returns: zeros if the difference is small, or not
-    significant.
+    A search first finds the lag of the closest tracks. Least squares then estimate lag, constant offset and reference
+    point together. Inverse stated sds weight the epochs, as an epoch after minutes of drift determines no clock.
+    `errors`: track against uncorrected reference. Returns: zeros if the clock error is small or not significant.
     """
-    as_it_is = rms(errors.horizontal)
+    uncorrected = rms(errors.horizontal)
     before = rms(errors.horizontal * stated_weights(errors, HORIZONTAL))
-    late, sd, after = _coarse(reference, track), np.inf, as_it_is
+    late, sd, after = _coarse(reference, track), np.inf, uncorrected
     difference = before
     for _ in range(3):
         moved = replace(reference, time=reference.time - late)
@@ -313,19 +315,19 @@ def clock_error(
         terms = np.concatenate([v[:, :, None], -c, np.broadcast_to(np.eye(2), c.shape)], axis=2)
         value, value_sd = jackknifed(terms * weight[:, None, None], errors.position[:, :2] * weight[:, None])
         late, sd = late + float(value[0]), float(value_sd[0])
-        if not 0.5 * LEAST_CLOCK <= abs(late) <= FARTHEST:  # too small, or too far, to become significant
+        if not 0.5 * LEAST_CLOCK <= abs(late) <= FARTHEST:  # too small or too large to be reported
             return 0.0, 0.0, 0.0
     clear = abs(late) > max(LEAST_CLOCK, CLEAR * sd) and difference < WORTH * before
-    return (round(late, 3), as_it_is, after) if clear else (0.0, 0.0, 0.0)
+    return (round(late, 3), uncorrected, after) if clear else (0.0, 0.0, 0.0)
 
 
 def _coarse(reference: Trajectory, track: Trajectory) -> float:
-    """Find the lag of the closest tracks, apart from a constant difference; zero if not better [s]."""
-    away = apart(reference, track)
+    """Find the clock lag at which the difference of the tracks scatters least [s]; zero if it hardly improves."""
+    difference_at = apart(reference, track)
 
     def scatter(lag: float) -> float:
-        there = away(lag)
-        return float(np.hypot(*(np.std(each) for each in there.T))) if len(there) >= FEWEST else np.inf
+        difference = difference_at(lag)
+        return float(np.hypot(*(np.std(each) for each in difference.T))) if len(difference) >= FEWEST else np.inf
 
     best = min(np.arange(-FARTHEST, FARTHEST + STEP, STEP), key=scatter)
     return float(best) if scatter(float(best)) < WORTH * scatter(0.0) else 0.0
@@ -336,18 +338,18 @@ def misread_headings(errors: TrajectoryErrors, track: Trajectory) -> str:
     known = np.isfinite(errors.attitude[:, 2])
     if np.count_nonzero(known) < FEWEST:
         return ""
-    mine = track.rph[rows_at(track, errors.time[known]), 2]
-    given = mine - errors.attitude[known, 2]
-    if _middle(given - mine)[1] < LEAST_TURN:  # constant, or right
+    solved = track.rph[rows_at(track, errors.time[known]), 2]
+    given = solved - errors.attitude[known, 2]
+    if _middle(given - solved)[1] < LEAST_TURN:  # headings are correct, or differ by a constant
         return ""
-    others = {
+    readings = {
         "counter_clockwise_from_east": 0.5 * np.pi - given,
         "counter_clockwise": -given,
         "radians": wrap_pi(given) / DEG,
     }
-    apart = {name: float(np.median(np.abs(wrap_pi(each - mine)))) for name, each in others.items()}
-    best = min(apart, key=lambda name: apart[name])
-    return best if apart[best] < LEAST_TURN else ""
+    difference = {name: float(np.median(np.abs(wrap_pi(each - solved)))) for name, each in readings.items()}
+    best = min(difference, key=lambda name: difference[name])
+    return best if difference[best] < LEAST_TURN else ""
 
 
 def misread_tilts(reference: Trajectory, track: Trajectory) -> str:
@@ -357,9 +359,9 @@ def misread_tilts(reference: Trajectory, track: Trajectory) -> str:
     rows = rows[:: max(1, len(rows) // EPOCHS)]
     if len(rows) < FEWEST:
         return ""
-    mine = track.rph[rows_at(track, reference.time[rows]), :2]
+    solved = track.rph[rows_at(track, reference.time[rows]), :2]
     roll, pitch = reference.rph[rows, :2].T
-    others = {
+    readings = {
         "": (roll, pitch),
         "opposite_pitch": (roll, -pitch),
         "opposite_roll": (-roll, pitch),
@@ -368,35 +370,37 @@ def misread_tilts(reference: Trajectory, track: Trajectory) -> str:
         "exchanged_opposite": (-pitch, -roll),
         "as_radians": (roll / DEG, pitch / DEG),
     }
-    # apart from a constant mounting difference
-    apart = {name: float(np.linalg.norm(np.std(np.transpose(each) - mine, axis=0))) for name, each in others.items()}
-    best = min(apart, key=lambda name: apart[name])
-    return best if apart[""] > LEAST_TILT and apart[best] < 0.5 * apart[""] else ""
+    # scatter of the difference, as a constant difference may be another mounting
+    sd = {name: float(np.linalg.norm(np.std(np.transpose(each) - solved, axis=0))) for name, each in readings.items()}
+    best = min(sd, key=lambda name: sd[name])
+    return best if sd[""] > LEAST_TILT and sd[best] < 0.5 * sd[""] else ""
 
 
 def heading_error(errors: TrajectoryErrors, track: Trajectory) -> tuple[float | None, float, bool]:
-    """Compare the headings of a reference with a solution, overall and at the start.
+    """Compare the headings of a reference with the headings of a solution, overall and at the start.
 
-    Returns: end of an initial contradiction [s], and the later constant difference, reference minus solution [rad], or
-    zero. Then whether the course over ground proves the reference wrong.
+    Returns: end of an initial contradiction [s] or None. Constant difference, reference minus solution [rad], or zero.
+    True if the course over ground agrees with the solution and contradicts the reference.
     """
-    apart = -errors.attitude[:, 2]
-    known = np.isfinite(apart)
+    error = -errors.attitude[:, 2]
+    known = np.isfinite(error)
     if errors.sd is None or np.count_nonzero(known) < FEWEST:
         return None, 0.0, False
-    time, apart, sd = errors.time[known], apart[known], errors.sd[known, 8]
+    time, error, sd = errors.time[known], error[known], errors.sd[known, 8]
     row = rows_at(track, time)
     v = track.v_n[row, :2]
     fast = np.hypot(v[:, 0], v[:, 1]) > FAST
-    tells = np.count_nonzero(fast) >= FEWEST
-    middle, scatter = _middle(apart[fast] if tells else apart)
-    clear = abs(middle) > LEAST_HEADING + SURE * np.median(sd[fast] if tells else sd) and scatter < 0.5 * abs(middle)
+    moved = np.count_nonzero(fast) >= FEWEST
+    middle, scatter = _middle(error[fast] if moved else error)
+    clear = abs(middle) > LEAST_HEADING + SURE * np.median(sd[fast] if moved else sd) and scatter < 0.5 * abs(middle)
     constant = middle if clear else 0.0
-    drift = _middle(track.rph[row[fast], 2] - np.arctan2(v[fast, 1], v[fast, 0]))[0] if tells else np.inf
-    by_course = clear and abs(drift) < 0.5 * abs(constant) < abs(wrap_pi(drift + constant))
-    far = np.abs(wrap_pi(apart - constant)) > LEAST_TURN + SURE * sd
-    last = int(np.argmax(np.cumsum(np.where(far, 1, -1)))) + 1
-    at_first = FEWEST <= last < len(time) - FEWEST and np.mean(far[:last]) > _MOST and np.mean(~far[last:]) > _MOST
+    # heading minus course of the solution, which should be small
+    from_course = _middle(track.rph[row[fast], 2] - np.arctan2(v[fast, 1], v[fast, 0]))[0] if moved else np.inf
+    by_course = clear and abs(from_course) < 0.5 * abs(constant) < abs(wrap_pi(from_course + constant))
+    wrong = np.abs(wrap_pi(error - constant)) > LEAST_TURN + SURE * sd
+    # row that best separates contradicting epochs from later ones that agree
+    last = int(np.argmax(np.cumsum(np.where(wrong, 1, -1)))) + 1
+    at_first = FEWEST <= last < len(time) - FEWEST and np.mean(wrong[:last]) > _MOST and np.mean(~wrong[last:]) > _MOST
     return float(time[last]) if at_first else None, constant, bool(by_course)
 
 

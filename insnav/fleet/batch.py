@@ -32,8 +32,8 @@ DRIVES = "drives"  # folder of the run folders in the fleet folder
 FILES = ("found.npz", "report.html", "fleet.csv", FACTS_FILE)  # further files of a fleet folder
 _OWN = {DRIVES, *FILES}
 _UNSAFE = re.compile(r"[^\w.+-]+")
-_ASIDE = ".aside-"  # in the new name of a folder at the place of a result
-_LONGEST = 100  # bytes of a name
+_ASIDE = ".aside-"  # part of the new name of a folder that occupied the place of a result
+_LONGEST = 100  # largest length of a name [bytes]
 _PARTS = ("imu", "gps", "ref")
 _NAMED = {"samples": "imu", "gnss": "gps", "gnns": "gps", "fixes": "gps", "reference": "ref", "truth": "ref"}
 _SPARE = {"imu": Code.BATCH_SPARE_SAMPLES, "gps": Code.BATCH_SPARE_FIXES, "ref": Code.BATCH_SPARE_REFERENCE}
@@ -44,7 +44,7 @@ _Roles = Mapping[Path, str | Finding]  # role of each file: ``imu``, ``gps``, ``
 
 
 def name_of(text: str) -> str:
-    """Convert a text to a run folder name valid in every file system; notes next to the folders end in ``.json``."""
+    """Convert a text to a run folder name valid in every file system, without the suffix ``.json`` of its note."""
     return _UNSAFE.sub("_", text).encode()[:_LONGEST].decode(errors="ignore").removesuffix(".json").strip("._")
 
 
@@ -52,9 +52,9 @@ def name_of(text: str) -> str:
 class Drive:
     """Drive of a fleet."""
 
-    name: str  # of its run folder
+    name: str  # name of its run folder
     vehicle: str
-    arguments: tuple[str, ...]  # of ``insnav run``, paths absolute, without --out
+    arguments: tuple[str, ...]  # arguments of ``insnav run``, with absolute paths, without --out
     unclear: str = ""  # files whose assignment to the drive is ambiguous
 
     def files(self) -> tuple[Path, Path | None]:
@@ -71,11 +71,11 @@ class Navigated:
 
     name: str
     vehicle: str
-    digest: str  # of its files, its options and this version
+    digest: str  # digest of its files, its options and this version
     failed: InsnavError | None = None
     facts: Mapping[str, Any] | None = None  # ``run.json`` of its folder, if present
-    kept: bool = False  # finished earlier
-    file: str = ""  # its samples
+    kept: bool = False  # True if an earlier batch finished it
+    file: str = ""  # file of the IMU samples
 
 
 def batch(
@@ -87,18 +87,18 @@ def batch(
     workers: Workers = "processes",
     progress: Callable[[int], None] | None = None,
 ) -> list[Navigated]:
-    """Navigate drives into run folders below `folder`, except finished drives.
+    """Navigate drives and write their run folders below `folder`; skip finished drives.
 
     `run`: navigates with arguments of ``insnav run``; importable by workers. `again`: include drives with unchanged
     files, options and version. `progress`: called with the number of drives done.
     Raises: ConfigError: two drives of one name. OutputError: `folder` has other content, or cannot be written.
     """
-    several = [name for name, count in Counter(each.name.lower() for each in drives).items() if count > 1]
-    if several:
-        files = ", ".join(each.arguments[0] for each in drives if each.name.lower() == several[0])
-        raise ConfigError("batch.same_name", where=files, name=several[0])
+    repeated = [name for name, count in Counter(each.name.lower() for each in drives).items() if count > 1]
+    if repeated:
+        files = ", ".join(each.arguments[0] for each in drives if each.name.lower() == repeated[0])
+        raise ConfigError("batch.same_name", where=files, name=repeated[0])
     check_folder(folder)
-    place, found = folder / DRIVES, []
+    place, outcomes = folder / DRIVES, []
     with _alone(folder):
         keys = [_digest(drive) for drive in drives]
         finished = [None if again else _finished(place, drive, key) for drive, key in zip(drives, keys, strict=True)]
@@ -106,34 +106,34 @@ def batch(
         navigated = each(_navigated, jobs, workers, (run, place))
         for number, (drive, kept) in enumerate(zip(drives, finished, strict=True), start=1):
             outcome = next(navigated) if kept is None else kept
-            if isinstance(outcome, InsnavError):  # its process died
+            if isinstance(outcome, InsnavError):  # the worker process died
                 outcome = Navigated(drive.name, drive.vehicle, "", outcome, file=drive.arguments[0])
-            found.append(_with_facts(outcome, place))
+            outcomes.append(_with_facts(outcome, place))
             if progress is not None:
                 progress(number)
-    return found
+    return outcomes
 
 
 @contextmanager
 def _alone(folder: Path) -> Iterator[None]:
-    """Lock the folder of a fleet, created if necessary, until the process ends.
+    """Create the folder of a fleet if necessary, and lock it while the context is active.
 
     Raises: OutputError: another batch uses it, or it cannot be written.
     """
     with writing("batch.unwritable", folder):
         (folder / DRIVES).mkdir(parents=True, exist_ok=True)
         lock = folder / DRIVES / ".lock"
-        held = lock.open("w")
-    with held:
+        handle = lock.open("w")
+    with handle:
         try:
             if sys.platform == "win32":
                 import msvcrt
 
-                msvcrt.locking(held.fileno(), msvcrt.LK_NBLCK, 1)
+                msvcrt.locking(handle.fileno(), msvcrt.LK_NBLCK, 1)
             else:
                 import fcntl
 
-                fcntl.flock(held, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except (BlockingIOError, PermissionError):
             raise OutputError("batch.busy", where=str(folder)) from None
         except OSError:  # a file system without locks
@@ -146,28 +146,28 @@ def _alone(folder: Path) -> Iterator[None]:
 
 
 def check_folder(folder: Path) -> None:
-    """Refuse a folder with other content than a fleet.
+    """Check that a folder is empty or contains a fleet.
 
     Raises: OutputError.
     """
-    held = {each.name for each in folder.iterdir() if not each.name.startswith(".")} if folder.is_dir() else set()
+    names = {each.name for each in folder.iterdir() if not each.name.startswith(".")} if folder.is_dir() else set()
     facts = attempt(read_facts, folder)
-    if DRIVES in held and not isinstance(facts, InsnavError) and facts.get("kind") == "fleet":
+    if DRIVES in names and not isinstance(facts, InsnavError) and facts.get("kind") == "fleet":
         return  # other content is never removed
-    if held - _OWN or (held and DRIVES not in held):
-        raise OutputError("batch.other_folder", where=str(folder), files=tuple(sorted(held - _OWN)[:3]), needed=DRIVES)
+    if names - _OWN or (names and DRIVES not in names):
+        raise OutputError("batch.other_folder", where=str(folder), files=tuple(sorted(names - _OWN)[:3]), needed=DRIVES)
 
 
 def moved_aside(folder: Path) -> list[Finding]:
-    """Report content moved aside from the place of run folders, as foreign or damaged."""
+    """Report foreign or damaged folders that were renamed, as they occupied the place of a run folder."""
     places = sorted((folder / DRIVES).glob(f"*{_ASIDE}*"))
     return [Finding.of(Code.BATCH_MOVED_ASIDE, subject=str(each)) for each in places]
 
 
 def _finished(place: Path, drive: Drive, key: str) -> Navigated | None:
-    """Return the outcome of a finished drive, else None. `place`: of the run folders."""
+    """Return the outcome of a finished drive, else None. `place`: folder of the run folders."""
     finished = _read_note(place / f"{drive.name}.json", key)
-    if finished is not None and (  # a write failure or a defect may succeed now
+    if finished is not None and (  # after a write error or a defect, a drive is repeated
         attempt(damage, place / drive.name) == ((), ()) if finished.failed is None else finished.failed.exit_code < 4
     ):
         return replace(finished, kept=True)
@@ -175,20 +175,20 @@ def _finished(place: Path, drive: Drive, key: str) -> Navigated | None:
 
 
 def _navigated(run: Callable[[Sequence[str]], None], place: Path, job: tuple[Drive, str]) -> Navigated:
-    """Navigate a drive with this digest, and store its outcome."""
+    """Navigate a drive, and store its outcome with the digest. `place`: folder of the run folders."""
     (drive, key), begin = job, time.monotonic()
     outcome = attempt(_run, run, place / drive.name, drive)
     failed = outcome if isinstance(outcome, InsnavError) else None
-    found = Navigated(drive.name, drive.vehicle, key, failed, file=drive.arguments[0])
+    navigated = Navigated(drive.name, drive.vehicle, key, failed, file=drive.arguments[0])
     # results exclude the duration, which depends on the machine
-    note = {**asdict(found), "seconds": round(time.monotonic() - begin, 3)}
+    note = {**asdict(navigated), "seconds": round(time.monotonic() - begin, 3)}
     write_text(place / f"{drive.name}.json", json.dumps(note, indent=1, default=InsnavError.as_dict))
-    return found
+    return navigated
 
 
 def _run(run: Callable[[Sequence[str]], None], place: Path, drive: Drive) -> None:
     drive.files()
-    if place.is_dir() and foreign_files(place):  # or a damaged result: kept in any case
+    if place.is_dir() and foreign_files(place):  # foreign content and damaged results are kept under another name
         place.rename(place.with_name(f"{place.name}{_ASIDE}{time.time_ns()}"))
     run([*drive.arguments, "--out", str(place), "--force"])
 
@@ -209,17 +209,17 @@ def _digest(drive: Drive) -> str:
 
 def _read_note(note: Path, key: str) -> Navigated | None:
     try:
-        known = json.loads(note.read_text(encoding="utf-8"))
-        known["failed"] = known["failed"] and InsnavError.from_dict(known["failed"])
-        del known["seconds"]
-        found = Navigated(**known)
+        content = json.loads(note.read_text(encoding="utf-8"))
+        content["failed"] = content["failed"] and InsnavError.from_dict(content["failed"])
+        del content["seconds"]
+        outcome = Navigated(**content)
     except (OSError, ValueError, TypeError, KeyError):
         return None
-    return found if found.digest == key else None
+    return outcome if outcome.digest == key else None
 
 
 def _with_facts(found: Navigated, place: Path) -> Navigated:
-    if found.failed is not None and found.failed.exit_code != 1:  # no solution; an old one may exist
+    if found.failed is not None and found.failed.exit_code != 1:  # no solution; a folder may hold an old one
         return found
     facts = attempt(read_facts, place / found.name)
     return replace(found, failed=facts) if isinstance(facts, InsnavError) else replace(found, facts=facts)
@@ -236,18 +236,18 @@ def find_drives(folder: Path, without: Path | None, workers: Workers) -> tuple[l
         reason = errno.ENOTDIR if folder.is_file() else errno.EACCES if folder.is_dir() else errno.ENOENT
         raise InputError("batch.unreadable_folder", where=str(folder), reason=os.strerror(reason))
     drives: list[Drive] = []
-    left: list[Finding] = []
-    places = list(_places(folder.resolve(), without and without.resolve(), left))
+    skipped: list[Finding] = []
+    places = list(_places(folder.resolve(), without and without.resolve(), skipped))
     names: Counter[str] = Counter()
     engine = workers if sum(map(len, places)) > _MANY else 1  # processes take seconds to start
     for place, roles in zip(places, each(_roles, places, engine), strict=True):
         if isinstance(roles, InsnavError):
-            left += [Finding.of(Code.BATCH_NO_RECORDING, subject=str(path), cause=roles.facts) for path in place]
+            skipped += [Finding.of(Code.BATCH_NO_RECORDING, subject=str(path), cause=roles.facts) for path in place]
             continue
         found = list(_paired(place, _with_broken(roles)))
         used = {path for _, parts, _ in found for path in parts.values()}
         spare = {path: role for path, role in roles.items() if path not in used}
-        left += [Finding.of(_SPARE[r], subject=str(path)) if isinstance(r, str) else r for path, r in spare.items()]
+        skipped += [Finding.of(_SPARE[r], subject=str(path)) if isinstance(r, str) else r for path, r in spare.items()]
         for where, parts, unclear in found:
             inside = where.relative_to(folder.resolve()).parts
             files = [word for part in parts for word in (f"--{part}", str(parts[part])) if part != "imu"]
@@ -259,35 +259,35 @@ def find_drives(folder: Path, without: Path | None, workers: Workers) -> tuple[l
             drives.append(Drive(name, vehicle, (str(parts["imu"]), *files), unclear))
     if not drives:
         raise InputError(
-            "batch.no_drives", where=str(folder), count=sum(map(len, places)), cause=left[0] if left else None
+            "batch.no_drives", where=str(folder), count=sum(map(len, places)), cause=skipped[0] if skipped else None
         )
-    return drives, left
+    return drives, skipped
 
 
 def _places(folder: Path, without: Path | None, left: list[Finding]) -> Iterator[list[Path]]:
-    """Yield the files of every folder, or the folder if it is one recording; `left` gets unreadable ones."""
-    seen: set[Path] = set()  # links may form circles
+    """Yield the files of every folder, or the folder if it is one recording; report skipped paths in `left`."""
+    visited: set[Path] = set()  # links may form circles
 
     def unreadable(error: OSError) -> None:
         left.append(Finding.of(Code.BATCH_UNREADABLE, subject=str(error.filename), reason=str(error.strerror)))
 
     for name, folders, files in os.walk(folder, onerror=unreadable, followlinks=True):
         here, real = Path(name), Path(name).resolve()
-        if real == without or real in seen or _result(here):
+        if real == without or real in visited or _result(here):
             folders.clear()
             continue
-        seen.add(real)
+        visited.add(real)
         names = sorted(each for each in files if not each.startswith(".") and Path(each).suffix.lower() not in NO_DATA)
         data = [here / each for each in names]
-        inner = any(_whole(here / each) for each in folders)  # formats examine subfolders of a folder
-        others = [here / each for each in unused(names)]
-        parts = [(_named(each), _key(each)) for each in others]
+        inner = any(_whole(here / each) for each in folders)  # a folder format also reads subfolders
+        unread = [here / each for each in unused(names)]
+        parts = [(_named(each), _key(each)) for each in unread]
         pair = any(("gps", key) in parts for part, key in parts if part == "imu")
-        one = not inner and not pair and here != folder and _whole(here, len(data))
-        if one and Counter(map(_role, data[:4])) != Counter(_PARTS):
+        complete = not inner and not pair and here != folder and _whole(here, len(data))
+        if complete and Counter(map(_role, data[:4])) != Counter(_PARTS):
             folders.clear()
             data = [here]
-            left.extend(Finding.of(Code.BATCH_OTHER_NAMES, subject=str(each)) for each in others)
+            left.extend(Finding.of(Code.BATCH_OTHER_NAMES, subject=str(each)) for each in unread)
         folders[:] = sorted(each for each in folders if not each.startswith("."))
         if data:
             yield data
@@ -305,7 +305,7 @@ def _result(folder: Path) -> bool:
 
 
 def _whole(folder: Path, files: int = 1) -> bool:
-    """Return whether a folder with so many files is one recording, with fixes if these may be in another file."""
+    """Return whether a folder is one recording; with several `files`, not if it has only IMU data."""
     try:
         return kinds_of(open_tables(folder)) != {"imu"} or files == 1
     except Exception:  # after any error its files are examined individually
@@ -328,47 +328,48 @@ def _role(path: Path) -> str | Finding:
 
 
 def _with_broken(roles: _Roles) -> _Roles:
-    """Add roles of unreadable samples and fixes, by name, or as the only file with fixes: these drives fail.
+    """Give unreadable files the role in their names, or ``imu`` to a single one, so that their drives fail visibly.
 
-    A file gets the part that its drive, or the whole folder, lacks.
+    A file gets a role only if its drive, or the whole folder, lacks this role.
     """
     unread = [path for path, role in roles.items() if role not in _PARTS and set(path.suffixes) & set(suffixes())]
     parts = {path: _named(path) or "imu" * (len(unread) == 1) for path in unread}
     content = {**roles, **parts}
-    found = dict(roles)
+    extended = dict(roles)
     for path in unread if "both" not in roles.values() else ():
-        other = {"imu": "gps", "gps": "imu"}.get(parts[path], "none")
-        own = [each for each in roles if _key(each) == _key(path)]
-        lacking = other in content.values() and parts[path] not in roles.values()
-        if parts[path] not in map(roles.get, own) and (lacking or other in map(content.get, own)):
-            found[path] = parts[path]
-    return found
+        counterpart = {"imu": "gps", "gps": "imu"}.get(parts[path], "none")
+        siblings = [each for each in roles if _key(each) == _key(path)]
+        lacking = counterpart in content.values() and parts[path] not in roles.values()
+        if parts[path] not in map(roles.get, siblings) and (lacking or counterpart in map(content.get, siblings)):
+            extended[path] = parts[path]
+    return extended
 
 
 def _named(path: Path) -> str:
-    """Return the part in a file name; empty for none."""
+    """Return the part that a file name states, such as ``imu``; empty if none."""
     word = ROLE.search(_stem(path))
     return _NAMED.get(word[2].lower(), word[2].lower()) if word else ""
 
 
 def _key(path: Path) -> str:
-    """Return the drive's name: a file name without its part."""
+    """Return the drive in a file name: the name without its part."""
     return ROLE.sub("", _stem(path)).strip("-_. ").lower()
 
 
 def _paired(files: Sequence[Path], roles: _Roles) -> Iterator[tuple[Path, _Parts, str]]:
-    """Yield location, files, and ambiguities of the drives in a folder: separate logs, and matching files."""
+    """Yield location, files and ambiguous files of each drive in a folder: complete logs, then matching files."""
     for path in files:
         if roles[path] == "both":
             yield path if path.is_dir() else path.with_name(_stem(path)), {"imu": path}, ""
     parts = {part: [path for path in files if roles[path] == part] for part in _PARTS}
-    if len(parts["imu"]) == len(parts["gps"]) == 1 < len(parts["ref"]):  # the reference named like one of the two
+    if len(parts["imu"]) == len(parts["gps"]) == 1 < len(parts["ref"]):  # keep references named like IMU or GPS file
         keys = {_key(parts["imu"][0]), _key(parts["gps"][0])}
         parts["ref"] = [path for path in parts["ref"] if _key(path) in keys]
     if max(map(len, parts.values())) == 1 and parts["imu"]:
         path = parts["imu"][0]
         yield path if path.is_dir() else path.parent, {part: own[0] for part, own in parts.items() if own}, ""
         return
+    # several drives: files are grouped by their names without the part
     named: dict[str, dict[str, list[Path]]] = defaultdict(lambda: {part: [] for part in _PARTS})
     for part, own in parts.items():
         for path in own:
@@ -378,10 +379,10 @@ def _paired(files: Sequence[Path], roles: _Roles) -> Iterator[tuple[Path, _Parts
         if not group["imu"]:
             continue
         where = group["imu"][0].with_name(stem or _stem(group["imu"][0]))
-        several = [path.name for paths in group.values() if len(paths) > 1 for path in paths]
+        ambiguous = [path.name for paths in group.values() if len(paths) > 1 for path in paths]
         if not group["gps"] and not group["ref"]:
-            several += [path.name for path in spare]
-        yield where, {part: paths[0] for part, paths in group.items() if paths}, ", ".join(several)
+            ambiguous += [path.name for path in spare]
+        yield where, {part: paths[0] for part, paths in group.items() if paths}, ", ".join(ambiguous)
 
 
 def _stem(path: Path) -> str:

@@ -33,7 +33,7 @@ class Tuned:
     mean_before: float
     mean_after: float
     drives: int  # number of drives
-    prior: ImuSpec  # of the first drive
+    prior: ImuSpec  # IMU specification of the first drive
     prior_chosen: Finding  # finding on the choice of the prior
 
 
@@ -86,7 +86,7 @@ def _files(drive: str | Path | Files, gps: Path | None) -> Iterator[Files]:
 def _of_recordings(
     recordings: Sequence[Files], inputs: NamedInputs
 ) -> tuple[NoiseEstimate, list[Drive], tuple[Finding, ...]]:
-    """Estimate the noise; return it with the drives, and a warning for each parameter that differs between them."""
+    """Estimate the noise; return it with the drives, and a warning for each noise parameter that differs among them."""
     drives: list[Drive] = []
     likelihoods: list[InnovationLikelihood] = []
     for imu, gps in recordings:
@@ -96,23 +96,23 @@ def _of_recordings(
         drive = load(imu, gps, **given)
         if drive.fixes is None:
             raise InputError("tune.no_fixes", where=str(imu))
-        one = InnovationLikelihood(drive.until("align").ready, drive.imu_spec)
-        if one.fixes < FEWEST:
-            raise InputError("tune.short_drive", where=str(imu), count=one.fixes, limit=FEWEST)
+        likelihood = InnovationLikelihood(drive.until("align").ready, drive.imu_spec)
+        if likelihood.fixes < FEWEST:
+            raise InputError("tune.short_drive", where=str(imu), count=likelihood.fixes, limit=FEWEST)
         drives.append(drive)
-        likelihoods.append(one)
-    if len({tuple(each.key for each in one.parameters) for one in likelihoods}) > 1:
+        likelihoods.append(likelihood)
+    if len({tuple(each.key for each in likelihood.parameters) for likelihood in likelihoods}) > 1:
         raise InputError("tune.mixed_velocities")
-    found = identify(likelihoods, better_kinds(inputs, drives[0].imu_spec))
-    name = f"{drives[0].imu_spec.name}, from {len(drives)} drives" if len(drives) > 1 else found.spec.name
-    different = unlike(likelihoods, found) if len(drives) > 1 else []
+    estimate = identify(likelihoods, better_kinds(inputs, drives[0].imu_spec))
+    name = f"{drives[0].imu_spec.name}, from {len(drives)} drives" if len(drives) > 1 else estimate.spec.name
+    different = unlike(likelihoods, estimate) if len(drives) > 1 else []
     files = [str(Path(*imu.parts[-2:])) for imu, _ in recordings]
     warnings = tuple(_different_drives(figures, files) for figures in different)
-    return replace(found, spec=replace(found.spec, name=name)), drives, warnings
+    return replace(estimate, spec=replace(estimate.spec, name=name)), drives, warnings
 
 
 def _different_drives(figures: Sequence[NoiseFigure], files: Sequence[str]) -> Finding:
-    """Report a parameter of one IMU that differs between drives. `files`: of the drives."""
+    """Report a noise parameter that differs among drives of one IMU. `files`: names of the drives' files."""
     low, high = (end(range(len(figures)), key=lambda drive: figures[drive].value) for end in (min, max))
     ratio = figures[high].value / figures[low].value
     return Finding.of(Code.TUNE_DRIVES_DIFFER, subject=figures[low].key, ratio=ratio, high=files[high], low=files[low])

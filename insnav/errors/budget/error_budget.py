@@ -1,9 +1,8 @@
-"""Error budget: the same errors at the same times, analytic, predicted, simulated and recorded.
+"""Error budget: analytic, predicted, simulated and recorded errors at the same times.
 
 The simulated budget has free-inertial Monte Carlo runs of sampled IMUs on one motion. Every run samples its constant
-errors with `insnav.imu.sample_errors`, its noise as `insnav.simulate.corrupt_imu` does. The step that navigates
-recordings integrates it. The compiled loop neglects the effect of sensor errors on coning and sculling, which is of
-second order.
+errors with `insnav.imu.sample_errors`, and its noise like `insnav.simulate.corrupt_imu`. The compiled loop has
+the mechanization step for recorded data. It neglects second-order effects of sensor errors on coning and sculling.
 """
 
 from __future__ import annotations
@@ -33,15 +32,15 @@ from insnav.types import FloatArray, IntArray
 from insnav.units import DEG, G0
 
 _NO_TERMS = ErrorTerms()
-_BLOCK = 500  # runs per process call; more runs start processes
-# noise in the compiled kernel; other noise is added to the samples before
+_BLOCK = 500  # runs per task; a larger number of runs is shared among processes
+# noise that the compiled kernel samples; other noise is sampled before and passed to the kernel
 _IN_KERNEL: tuple[Process, ...] = ("white", "Gauss-Markov", "random walk")
-BAND = 0.95  # probability of the bands
-LINEAR = 5.0 * DEG  # attitude errors up to here are small
+BAND = 0.95  # probability of a band [-]
+LINEAR = 5.0 * DEG  # largest attitude error for which the linear model is valid [rad]
 SHORTEST, LONGEST = 0.1, 3600.0  # time range of a budget [s]
 _CURVE = 60  # approximate number of points of a curve
-_AT_START = re.compile(r"initial\.|.*\.(bias|scale_factor)$")  # keys of errors at a known start
-_ALONE = 200  # runs of each family alone: their RMS is accurate to 5 %
+_AT_START = re.compile(r"initial\.|.*\.(bias|scale_factor)$")  # keys of errors that a known start covariance replaces
+_ALONE = 200  # limit of the runs with one family alone, whose RMS is then accurate to 5 %
 
 
 def free_runs(
@@ -57,7 +56,7 @@ def free_runs(
     workers: Workers = 1,
     progress: Callable[[float], None] | None = None,
 ) -> FloatArray:
-    """Navigate without aiding, many times, each time with another IMU and another start.
+    """Simulate many free-inertial runs on one motion, each with its own sampled IMU and start errors.
 
     `rows` (m,): samples after which errors are returned, increasing. `seed`: determines the runs; their number does not
     change the first runs. `deflection`: deflection of the vertical [rad]; see
@@ -81,17 +80,18 @@ def _states(
     known: tuple[Source, ...],
     numbers: range,
 ) -> FloatArray:
-    """Compute the states of some runs after the samples `rows`, (runs, m, 10)."""
+    """Simulate the runs `numbers`; return their states after the samples `rows`, (runs, m, 10)."""
     truth, inc, n = motion.truth, motion.increments, int(rows[-1])
     vertical = (hold, truth.lla[1 : n + 1, 2].copy(), truth.v_n[1 : n + 1, 2].copy())
     states = np.empty((len(numbers), len(rows), 10))
     base = (motion.dt[:n], motion.rate[:n], motion.force[:n], inc.coning[:n], inc.sculling[:n])
-    carried = np.array([source.sd * np.array(source.joint) for source in known]).reshape(len(known), STATES)
-    changes = None  # (n, 6) change rate of the true samples: times a clock delay, its effect
+    joint = np.array([source.sd * np.array(source.joint) for source in known]).reshape(len(known), STATES)
+    changes = None  # (n, 6) rates of change of the true samples; a clock delay adds minus delay times rate
     if spec.clock.offset or spec.clock.drift:
         samples, middle = np.concatenate([motion.rate, motion.force], axis=1), motion.elapsed - 0.5 * motion.dt
         changes = np.asarray(np.gradient(samples, middle, axis=0)[:n])
-    some = changes is not None or any(
+    # IMU errors that the kernel does not sample
+    more_errors = changes is not None or any(
         np.any(getattr(getattr(spec, term.sensor), term.key))
         for term in TERMS
         if term.in_budget and term.key not in SAMPLED and term.process not in _IN_KERNEL
@@ -100,26 +100,27 @@ def _states(
     white, drift, walk = (noise_of_both(spec, process) for process in _IN_KERNEL)
     noise = (white, drift, 1.0 / np.array([spec.gyro.correlation_time, spec.accel.correlation_time]), walk)
     rngs = [np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(run,))) for run in numbers]
-    sampled, together, drawn = [], np.zeros((len(rngs), STATES)), np.empty((len(rngs), 9))
-    for place, rng in enumerate(rngs):
+    sampled, correlated, drawn = [], np.zeros((len(rngs), STATES)), np.empty((len(rngs), 9))
+    for index, rng in enumerate(rngs):
         sampled.append(_of_errors(sample_errors(spec, rng)))
         if known:
-            together[place] = rng.standard_normal(len(known)) @ carried
-        drawn[place] = rng.standard_normal(9)
-    starts = _starts(spec.initial or InitialSpec(), motion, drawn, hold, together[:, :9])
-    for place, rng in enumerate(rngs):
-        taken_off = together[place, 9:].reshape(4, 3)
-        sampled[place][0][:] -= taken_off[:2].ravel()
-        sampled[place][1][:, range(3), range(3)] -= taken_off[2:]
-        if some:
+            correlated[index] = rng.standard_normal(len(known)) @ joint
+        drawn[index] = rng.standard_normal(9)
+    starts = _starts(spec.initial or InitialSpec(), motion, drawn, hold, correlated[:, :9])
+    for index, rng in enumerate(rngs):
+        # the filter subtracts its estimates from the samples, so estimation errors enter with opposite sign
+        estimated = correlated[index, 9:].reshape(4, 3)
+        sampled[index][0][:] -= estimated[:2].ravel()
+        sampled[index][1][:, range(3), range(3)] -= estimated[2:]
+        if more_errors:
             more = _more(spec, motion, n, rng, changes)
-        errors = *sampled[place], *noise, -deflection * G0 * rng.standard_normal(3)
-        _kernel.corrupted_run(rng, starts[place], *base, more, *errors, *vertical, rows, states[place])
+        errors = *sampled[index], *noise, -deflection * G0 * rng.standard_normal(3)
+        _kernel.corrupted_run(rng, starts[index], *base, more, *errors, *vertical, rows, states[index])
     return states
 
 
 def _of_errors(errors: ImuErrors) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Convert bias, matrices, bends and g-sensitivity for the kernel."""
+    """Convert bias, sensitivity matrices, non-linearities and g-sensitivity to arrays for the kernel."""
     terms = [errors.gyro_terms or _NO_TERMS, errors.accel_terms or _NO_TERMS]
     return (
         np.concatenate([errors.gyro_bias, errors.accel_bias]),
@@ -132,7 +133,7 @@ def _of_errors(errors: ImuErrors) -> tuple[FloatArray, FloatArray, FloatArray, F
 def _starts(
     initial: InitialSpec, motion: SampledMotion, drawn: FloatArray, hold: bool, together: FloatArray
 ) -> FloatArray:
-    """Build initial states (runs, 10) from normal numbers and correlated errors, both (runs, 9)."""
+    """Build initial states (runs, 10) from standard normal numbers `drawn` and correlated errors, both (runs, 9)."""
     sd = np.array([*3 * [initial.position], *3 * [initial.velocity], initial.tilt, initial.tilt, initial.heading])
     error = drawn * sd + together
     if hold:
@@ -144,23 +145,23 @@ def _starts(
 def _more(
     spec: ImuSpec, motion: SampledMotion, n: int, rng: np.random.Generator, changes: FloatArray | None
 ) -> FloatArray:
-    """Sample the errors outside the kernel, ``(n, 6)``."""
+    """Sample the sensor errors that the kernel does not sample, ``(n, 6)``."""
     elapsed = motion.elapsed[:n]
-    made = np.zeros((n, 6))
+    error = np.zeros((n, 6))
     since = (elapsed - elapsed[0])[:, None]
     for part, name in enumerate(SENSORS):
         sensor: SensorSpec = getattr(spec, name)
-        own = made[:, 3 * part : 3 * part + 3]
-        own += further_errors(name, sensor, motion.rate[:n], motion.force[:n], since, rng)
+        sensor_error = error[:, 3 * part : 3 * part + 3]
+        sensor_error += further_errors(name, sensor, motion.rate[:n], motion.force[:n], since, rng)
         if np.any(quantisation := noise_of(sensor, "quantisation")):
             steps = rng.uniform(-1.0, 1.0, (n, 3)) * (math.sqrt(3.0) * quantisation)
-            own += np.diff(steps, axis=0, prepend=np.zeros((1, 3))) / motion.dt[:n, None]
+            sensor_error += np.diff(steps, axis=0, prepend=np.zeros((1, 3))) / motion.dt[:n, None]
         if np.any(size := noise_of(sensor, "flicker")):
-            own += flicker(np.random.SeedSequence(int(rng.integers(2**53))), elapsed, size)
+            sensor_error += flicker(np.random.SeedSequence(int(rng.integers(2**53))), elapsed, size)
     if changes is not None:
         offset, drift = rng.standard_normal(2) * [spec.clock.offset, spec.clock.drift]
-        made -= (offset + drift * elapsed)[:, None] * changes
-    return made
+        error -= (offset + drift * elapsed)[:, None] * changes
+    return error
 
 
 def _errors(states: FloatArray, motion: SampledMotion, rows: IntArray) -> FloatArray:
@@ -174,9 +175,9 @@ def _errors(states: FloatArray, motion: SampledMotion, rows: IntArray) -> FloatA
 
 @dataclass(frozen=True, slots=True)
 class Column:
-    """Errors by one method."""
+    """Standard deviations of the errors by one method."""
 
-    # (m, f, 9) standard deviation of position N, E, D [m], velocity [m/s], attitude [rad] by each family of sources
+    # (m, f, 9) standard deviation of position N, E, D [m], velocity [m/s], attitude [rad] from each family of sources
     parts: FloatArray
 
     @property
@@ -189,18 +190,16 @@ class Column:
 class SimulatedColumn:
     """Errors of free-inertial Monte Carlo runs."""
 
-    # number of runs with all errors, and of each family alone; random seed
-    runs: int
-    alone: int
-    seed: int
+    runs: int  # number of runs with all errors
+    alone: int  # number of runs with each family alone
+    seed: int  # random seed
     parts: FloatArray  # (m, f, 9) RMS error of the runs with one family of sources alone, in the units of `Column`
     total: FloatArray  # (m, 9) RMS error of the runs with all errors together
-    # (m,) mean normalised squared error over the runs and states: one if the covariance is true
-    nees: FloatArray
+    nees: FloatArray  # (m,) mean normalised squared error over the runs and states: one if the covariance is true
 
     @property
     def band(self) -> tuple[float, float]:
-        """Limits of RMS error over true standard deviation, with probability `BAND`."""
+        """Limits between which RMS error over true standard deviation lies with probability `BAND`."""
         tails = (0.5 * (1.0 - BAND), 0.5 * (1.0 + BAND))
         low, high = (float(np.sqrt(chi_square(self.runs, p) / self.runs)) for p in tails)
         return low, high
@@ -210,15 +209,14 @@ class SimulatedColumn:
 class RecordedColumn:
     """Errors of the windows of a recorded drive."""
 
-    time: FloatArray  # (k,) since the start of a window [s]
+    time: FloatArray  # (k,) time since the start of a window [s]
     # (k, 4) RMS error North, East, Down, horizontal, reference variance subtracted [m]; ``NaN`` below its noise
     corrected: FloatArray
-    # (k, 4) 95 % confidence interval; ``NaN`` with too few windows
-    low: FloatArray
-    high: FloatArray
+    low: FloatArray  # (k, 4) lower limit of the 95 % confidence interval [m]; ``NaN`` with too few windows
+    high: FloatArray  # (k, 4) upper limit [m]
     predicted: FloatArray  # (k, 4) predicted standard deviation [m]
-    windows: int  # how many
-    description: str  # record, and reference of the errors
+    windows: int  # number of windows
+    description: str  # description of the windows and of the reference
 
 
 @dataclass(frozen=True, slots=True)
@@ -231,18 +229,15 @@ class Budget:
     chosen: IntArray  # (k,) indices of the times in the tables
     families: tuple[str, ...]  # families of nonzero sources, such as ``gyro bias``
     sources: tuple[Source, ...]  # all sources, including zero ones
-    # by closed laws; by the linear model along the motion
-    analytic: Column
-    covariance: Column
+    analytic: Column  # standard deviations by closed laws
+    covariance: Column  # standard deviations by the linear model along the motion
     # (m, 4) largest error North, East, Down, horizontal with all sources within one sd, by the linear model [m]
     worst: FloatArray
-    hold: bool  # the vertical channel was constrained to the reference height
-    # gravity [m/s^2] and Schuler rate [rad/s] at the start of the motion
-    gravity: float
-    schuler_rate: float
-    # absent keys of the IMU file, zero here; and errors of the file that the budget does not include
-    absent: tuple[str, ...]
-    ignored: tuple[str, ...]
+    hold: bool  # True if the vertical channel was constrained to the reference height
+    gravity: float  # gravity at the start of the motion [m/s^2]
+    schuler_rate: float  # Schuler rate at the start of the motion [rad/s]
+    absent: tuple[str, ...]  # absent keys of the IMU file, taken as zero
+    ignored: tuple[str, ...]  # errors of the IMU file that the budget does not include
     simulated: SimulatedColumn | None = None
     recorded: RecordedColumn | None = None
     flicker_lowest: float = math.nan  # lowest frequency of the flicker noise [Hz]; NaN without
@@ -254,11 +249,11 @@ class Budget:
 
     @property
     def valid(self) -> Column | SimulatedColumn:
-        """Valid standard deviations: from covariance, or simulated beyond its range."""
+        """Valid column: covariance, or simulated if the errors are too large for the linear model."""
         return self.covariance if self.simulated is None or self.linear else self.simulated
 
     def short_form_error(self, time: float) -> tuple[float, float]:
-        """Compute the relative error of the short forms, for a bias or tilt and for a gyro bias: true / form - 1."""
+        """Compute Schuler form / short form - 1 of the position error: from a bias or tilt, and from a gyro bias."""
         bias, drift = (float(predicted.schuler("constant", order, time, self.schuler_rate)) for order in (2, 3))
         return bias - 1.0, drift - 1.0
 
@@ -275,7 +270,7 @@ def budget(
     known: tuple[Source, ...] = (),
     progress: Callable[[float], None] | None = None,
 ) -> Budget:
-    """Compute the budget.
+    """Compute the error budget of an IMU on a motion.
 
     `times`: of the results, since the start [s]. `runs`: number of simulated runs; 0 for analytic and covariance alone.
     `deflection`: deflection of the vertical [rad]; see `insnav.errors.budget.sources.sources_of`. `hold`: constrain the
@@ -295,7 +290,7 @@ def budget(
     decays = [
         process[2] for s in sources if s.kind == "flicker" and s.sd > 0.0 for process in predicted.processes(s, motion)
     ]
-    found = Budget(
+    result = Budget(
         imu=spec.name,
         motion=motion.description,
         time=motion.elapsed[rows - 1],
@@ -313,31 +308,31 @@ def budget(
         flicker_lowest=min(decays) / (2.0 * math.pi) if decays else math.nan,
     )
     if runs == 0:
-        return found
+        return result
 
     def rms(error: FloatArray) -> FloatArray:
         return np.asarray(np.sqrt(np.mean(error**2, axis=0)))
 
-    alone_done = share_of(progress, 0.3, 0.7)
+    progress_alone = share_of(progress, 0.3, 0.7)
     simulate = partial(free_runs, motion=motion, rows=rows, hold=hold)
-    together = simulate(
+    all_errors = simulate(
         spec, runs=runs, seed=(seed, 0), deflection=deflection, known=known, progress=share_of(progress, 0.0, 0.3)
     )
     fewer = min(runs, _ALONE)
     alone = np.zeros((len(rows), len(names), 9))
     for number, name in enumerate(names):
-        slope = deflection if name.startswith("gravity") else 0.0
-        mine = tuple(source for source in known if source.family == name)
-        family = simulate(only(spec, name), runs=fewer, seed=(seed, 1 + number), deflection=slope, known=mine)
+        vertical = deflection if name.startswith("gravity") else 0.0
+        joint = tuple(source for source in known if source.family == name)
+        family = simulate(only(spec, name), runs=fewer, seed=(seed, 1 + number), deflection=vertical, known=joint)
         alone[:, number] = rms(family)
-        if alone_done is not None:
-            alone_done((number + 1) / len(names))
-    simulated = SimulatedColumn(runs, fewer, seed, alone, rms(together), _normalised(together, parts.sum(axis=1)))
-    return replace(found, simulated=simulated)
+        if progress_alone is not None:
+            progress_alone((number + 1) / len(names))
+    simulated = SimulatedColumn(runs, fewer, seed, alone, rms(all_errors), _normalised(all_errors, parts.sum(axis=1)))
+    return replace(result, simulated=simulated)
 
 
 def check_times(times: Sequence[float], longest: float = LONGEST) -> None:
-    """Refuse times outside the range of a budget.
+    """Check that times are within the range of a budget.
 
     `times` [s]. `longest`: end of the motion [s].
     Raises: ConfigError: no times, or some are too short or too long.
@@ -350,7 +345,7 @@ def check_times(times: Sequence[float], longest: float = LONGEST) -> None:
 
 
 def _rows(motion: SampledMotion, times: Sequence[float]) -> tuple[IntArray, IntArray]:
-    """Return the samples of the curves' points, and the indices of the requested times."""
+    """Select the samples of the curves' points, (m,), and the indices of the requested times among them, (k,)."""
     elapsed = motion.elapsed
     check_times(times, min(LONGEST, float(elapsed[-1])))
     wanted = np.unique(np.searchsorted(elapsed, np.array(times) - 1e-6) + 1)
@@ -362,20 +357,20 @@ def _rows(motion: SampledMotion, times: Sequence[float]) -> tuple[IntArray, IntA
 
 
 def _by_family(variance: FloatArray, sources: tuple[Source, ...], names: tuple[str, ...]) -> FloatArray:
-    """Sum the variance by source to standard deviations by family."""
-    of = [[k for k, source in enumerate(sources) if source.family == name] for name in names]
-    return np.asarray(np.sqrt(np.stack([variance[:, each].sum(axis=1) for each in of], axis=1)))
+    """Combine the variances (m, s, 9) from each source to standard deviations (m, f, 9) from each family."""
+    members = [[k for k, source in enumerate(sources) if source.family == name] for name in names]
+    return np.asarray(np.sqrt(np.stack([variance[:, each].sum(axis=1) for each in members], axis=1)))
 
 
 def _normalised(error: FloatArray, total: FloatArray) -> FloatArray:
-    """Compute the mean ``e' P^-1 e / n`` over the runs at every time, without error-free states."""
-    found = np.empty(len(total))
-    for k, whole in enumerate(total):
-        sd = np.sqrt(np.diag(whole))
-        # a fixed state, or an exact duplicate of another, has no covariance of its own
+    """Compute the mean ``e' P^-1 e / n`` of the n error states over the runs at every time, (m,)."""
+    nees = np.empty(len(total))
+    for k, matrix in enumerate(total):
+        sd = np.sqrt(np.diag(matrix))
+        # states without variance, and exact duplicates of other states, are excluded
         free = np.flatnonzero(sd > 0.0)
-        correlation = whole[np.ix_(free, free)] / np.outer(sd[free], sd[free])
+        correlation = matrix[np.ix_(free, free)] / np.outer(sd[free], sd[free])
         value, vector = np.linalg.eigh(correlation)
         kept = value > 1e-9
-        found[k] = np.mean(((error[:, k, free] / sd[free]) @ vector[:, kept]) ** 2 / value[kept])
-    return found
+        nees[k] = np.mean(((error[:, k, free] / sd[free]) @ vector[:, kept]) ** 2 / value[kept])
+    return nees

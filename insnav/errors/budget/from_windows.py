@@ -1,8 +1,8 @@
 """Recorded part of an error budget: windows, prediction, diagnosis, simulated replicas, verdict.
 
-The budget of a drive predicts from motion and initial state of its typical window. A simulated replica has the track of
-the drive, the specified IMU and GPS errors, the same filter and windows. If IMU specification and reported standard
-deviations are right, the recorded drive is statistically equal to its replicas.
+The budget of a drive uses the motion and the initial state of its typical window. A simulated replica has the track of
+the drive, the specified IMU and GPS errors, the same filter and the same windows. If IMU specification and reported
+standard deviations are right, the recorded drive is statistically equal to its replicas.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-import scipy  # its parts are loaded on first use
+import scipy  # scipy loads its subpackages on first use
 
 from insnav.attitude import quat_from_rotvec, quat_from_rph, quat_multiply, rph_from_quat
 from insnav.earth import lla_offset
@@ -40,9 +40,9 @@ from insnav.simulate.truth import LevelTruth, Truth, gps_from_truth
 from insnav.simulate.truth_from_track import Residual, track_residual, truth_from_track
 from insnav.types import FloatArray, GpsData, Trajectory
 
-FEWEST = 3  # replicas for a band
-_EDGE = 0.05  # at both ends of the track there are no fixes [s]
-_IMU, _FIXES, _START, _REFERENCE = 1, 2, 3, 4  # streams of random numbers
+FEWEST = 3  # least number of replicas for a prediction band
+_EDGE = 0.05  # margin without simulated fixes at both ends of the track [s]
+_IMU, _FIXES, _START, _REFERENCE = 1, 2, 3, 4  # numbers of independent random streams
 MINUTE = 60.0  # [s]
 
 
@@ -50,12 +50,11 @@ MINUTE = 60.0  # [s]
 class Replicas:
     """Window errors of several replicas, their prediction band, and the recorded window errors."""
 
-    times: FloatArray  # (k,) [s]
+    times: FloatArray  # (k,) times of the tables [s]
     # (s, k, 6) RMS error of each replica, reference errors included, `insnav.errors.outage.gnss_outage.COMPONENTS` [m]
     rms: FloatArray
-    # (k, 6) 95 % prediction band of a further replica, joint over three axes [m]
-    low: FloatArray
-    high: FloatArray
+    low: FloatArray  # (k, 6) lower limit of a 95 % prediction band of a further replica, joint over three axes [m]
+    high: FloatArray  # (k, 6) upper limit [m]
     recorded: FloatArray  # (k, 6) RMS error of the recorded windows, reference errors included [m]
     reference: FloatArray  # (k, 6) RMS standard deviation of the reference [m]
     apart: Residual  # distance between the motion of the replica and the recorded track
@@ -82,25 +81,24 @@ class Replicas:
 class ReplicaTask:
     """Task of a Monte Carlo: one replica for a seed."""
 
-    ready: FilterInput  # the recorded drive with perfect samples
+    ready: FilterInput  # the recorded drive with error-free IMU samples
     spec: ImuSpec
-    truth: LevelTruth  # the motion
-    fixes: GpsData  # perfect fixes at the recorded epochs, with the reported standard deviations
-    reference: WindowReference  # perfect reference
+    truth: LevelTruth  # motion of the drive
+    fixes: GpsData  # error-free fixes at the recorded epochs, with the reported standard deviations
+    reference: WindowReference  # error-free reference
     starts: FloatArray  # (n,) start times of windows [s]
-    # of the windows [s]
-    length: float
-    spacing: float
+    length: float  # length of the windows [s]
+    spacing: float  # interval between the starts of windows [s]
     kinds: tuple[bool, ...]  # for each kind of window: True if uncalibrated
-    times: FloatArray  # (k,) of the tables [s]
+    times: FloatArray  # (k,) times of the tables [s]
 
     def __call__(self, seed: int) -> Sample:
-        """Return the RMS of its windows of each kind at the times of the tables, concatenated."""
-        found = [growth(windows, self.times).rms for windows in self.windows(seed)]
-        return Sample(np.concatenate([each.ravel() for each in found]), np.zeros(1))
+        """Return the RMS errors of the windows of each kind at the times of the tables, concatenated."""
+        rms = [growth(windows, self.times).rms for windows in self.windows(seed)]
+        return Sample(np.concatenate([each.ravel() for each in rms]), np.zeros(1))
 
     def windows(self, seed: int) -> tuple[Windows, ...]:
-        """Simulate, navigate and divide into windows."""
+        """Simulate and navigate one replica; return its windows of each kind."""
         sensors = corrupt_imu(self.ready.imu, self.spec, (seed, _IMU))
         receiver, lag = self.ready.receiver, Lag(moments=self.ready.receiver.lag.moments)
         fixes = _with_errors(self.fixes, (seed, _FIXES), receiver.correlated)
@@ -129,12 +127,12 @@ def replica_task(
 ) -> ReplicaTask:
     """Build the motion of the replica from the smoothed drive, with perfect measurements.
 
-    `times` (k,): of the tables [s].
+    `times` (k,): times of the tables [s].
     """
     ready = drive.ready
     assert drive.run.smoothed is not None
     track = drive.run.smoothed.solution
-    # without duplicate times, which a reset or the end of a block may produce
+    # a reset or the end of a block may produce duplicate times, which are removed
     truth = truth_from_track(track.rows(np.concatenate([[True], np.diff(track.time) > 1e-6])))
     antenna = drive.run.lever_b
     point = antenna if reference.lever_b is None else reference.lever_b
@@ -162,7 +160,7 @@ def replicas(
     workers: Workers = 1,
     progress: Callable[[float], None] | None = None,
 ) -> tuple[Replicas, ...]:
-    """Simulate replicas, and compare the recorded RMS errors with theirs, for each kind of windows.
+    """Simulate replicas, and compare their RMS errors with the recorded ones for each kind of windows.
 
     `count`: number of replicas, three or more.
     Raises: InputError: fewer than three replicas could be navigated.
@@ -186,23 +184,23 @@ def replicas(
 def _among(
     windows: Windows, rms: FloatArray, times: FloatArray, far: Residual, failures: tuple[Failure, ...]
 ) -> Replicas:
-    """Locate recorded windows among their replicas."""
+    """Compute the prediction band of the replicas for comparison with the recorded windows."""
     n = len(rms)
     size = np.log(np.maximum(rms, 1e-12))
-    # a third of the miss probability per axis, for a joint probability
-    certain = 1.0 - 0.5 * (1.0 - CONFIDENCE) / 3.0
-    half = float(scipy.special.stdtrit(n - 1, certain)) * np.std(size, axis=0, ddof=1) * np.sqrt(1.0 + 1.0 / n)
-    middle, summed = size.mean(axis=0), growth(windows, times)
-    low, high = np.exp(middle - half), np.exp(middle + half)
-    return Replicas(times, rms, low, high, summed.rms, summed.reference, far, failures)
+    # each of three axes has a third of the miss probability, so that the band is joint
+    quantile = 1.0 - 0.5 * (1.0 - CONFIDENCE) / 3.0
+    half_width = float(scipy.special.stdtrit(n - 1, quantile)) * np.std(size, axis=0, ddof=1) * np.sqrt(1.0 + 1.0 / n)
+    middle, recorded = size.mean(axis=0), growth(windows, times)
+    low, high = np.exp(middle - half_width), np.exp(middle + half_width)
+    return Replicas(times, rms, low, high, recorded.rms, recorded.reference, far, failures)
 
 
 def _perfect_fixes(truth: Truth, gps: GpsData, lever_b: FloatArray) -> GpsData:
     """Build error-free fixes at the recorded epochs within the motion, with the same missing values."""
     end = truth.start + truth.duration
-    like = replace(gps.rows((gps.time >= truth.start + _EDGE) & (gps.time <= end - _EDGE)), heading=None)
-    made = gps_from_truth(truth, like.time, lever_b)
-    return replace(like, lla=made.lla, v_n=np.where(np.isfinite(like.v_n), made.v_n, np.nan))
+    recorded = replace(gps.rows((gps.time >= truth.start + _EDGE) & (gps.time <= end - _EDGE)), heading=None)
+    perfect = gps_from_truth(truth, recorded.time, lever_b)
+    return replace(recorded, lla=perfect.lla, v_n=np.where(np.isfinite(recorded.v_n), perfect.v_n, np.nan))
 
 
 def _with_errors(gps: GpsData, seed: tuple[int, int], correlated: CorrelatedNoise | None) -> GpsData:
@@ -221,11 +219,11 @@ def _with_errors(gps: GpsData, seed: tuple[int, int], correlated: CorrelatedNois
 def _started(initial: InitialState, truth: Truth, sensors: ImuSimulation, rng: np.random.Generator) -> InitialState:
     """Sample an initial state from its covariance, conditional on the sensor errors."""
     begin = max(initial.time, truth.start)
-    at = truth.evaluate(np.array([begin]))
-    p = initial.covariance
+    true = truth.evaluate(np.array([begin]))
+    covariance = initial.covariance
     errors = sensors.errors
     row = min(int(np.searchsorted(sensors.imu.time, begin)), len(sensors.imu.time) - 1)
-    gyro_bias = sensors.gyro_bias[row] + rng.standard_normal(3) * np.sqrt(np.diag(p)[9:12])
+    gyro_bias = sensors.gyro_bias[row] + rng.standard_normal(3) * np.sqrt(np.diag(covariance)[9:12])
     sensor = -np.concatenate(
         [
             sensors.gyro_bias[row] - gyro_bias,
@@ -234,18 +232,19 @@ def _started(initial: InitialState, truth: Truth, sensors: ImuSimulation, rng: n
             np.diag(errors.accel_matrix) - 1.0,
         ]
     )
-    gain = p[:9, 9:] @ np.linalg.pinv(p[9:, 9:], rcond=1e-12, hermitian=True)
-    left = p[:9, :9] - gain @ p[9:, :9]
-    value, vector = np.linalg.eigh(0.5 * (left + left.T))
+    # navigation errors conditional on the sensor errors: mean by the gain, and remaining covariance
+    gain = covariance[:9, 9:] @ np.linalg.pinv(covariance[9:, 9:], rcond=1e-12, hermitian=True)
+    conditional = covariance[:9, :9] - gain @ covariance[9:, :9]
+    value, vector = np.linalg.eigh(0.5 * (conditional + conditional.T))
     error = gain @ sensor + vector @ (np.sqrt(np.maximum(value, 0.0)) * rng.standard_normal(9))
-    # C_hat = (I - [phi x]) C
+    # attitude error phi: C_hat = (I - [phi x]) C
     return replace(
         initial,
         from_fix=False,
         time=begin,
-        lla=lla_offset(at.lla[0], error[:3]),
-        v_n=at.v_n[0] + error[3:6],
-        rph=rph_from_quat(quat_multiply(quat_from_rotvec(-error[6:]), quat_from_rph(at.rph[0]))),
+        lla=lla_offset(true.lla[0], error[:3]),
+        v_n=true.v_n[0] + error[3:6],
+        rph=rph_from_quat(quat_multiply(quat_from_rotvec(-error[6:]), quat_from_rph(true.rph[0]))),
         gyro_bias=gyro_bias,
     )
 
@@ -254,14 +253,14 @@ def _started(initial: InitialState, truth: Truth, sensors: ImuSimulation, rng: n
 class WindowSettings:
     """Settings of the windows."""
 
-    length: float = MINUTE  # of the windows [s]
-    # start of the first window, after the start of navigation [s]; None: a minute, or less in a short drive
+    length: float = MINUTE  # length of the windows [s]
+    # time from the start of navigation to the first window [s]; None: a minute, or less in a short drive
     first: float | None = None
-    spacing: float | None = None  # interval between starts [s]; None: about sixty fit
+    spacing: float | None = None  # interval between starts [s]; None: about sixty windows
     start: StartChoice = "forward"  # initial state; a smoothed state is not independent of the reference
-    uncalibrated: bool = False  # also windows with uncorrected turn-on errors
+    uncalibrated: bool = False  # evaluate also windows with uncorrected turn-on errors
     replicas: int = 0  # number of simulated replicas
-    seed: int = 0  # of the replicas
+    seed: int = 0  # random seed of the replicas
     workers: Workers = 1  # processes or engine of the replicas
 
 
@@ -274,9 +273,9 @@ class Verdict:
     recorded: float
     low: float
     high: float
-    predicted: float  # [m]
-    explained: bool  # not significantly larger than predicted
-    cautious: bool  # significantly smaller: the prediction is too large
+    predicted: float  # predicted RMS error [m]
+    explained: bool  # True if the recorded error is not significantly larger than predicted
+    cautious: bool  # True if the recorded error is significantly smaller than predicted
 
 
 @dataclass(frozen=True, slots=True)
@@ -284,15 +283,15 @@ class RecordedPart:
     """Results of windows of one kind, calibrated or uncalibrated."""
 
     windows: Windows
-    growth: Growth  # at the times of the tables
-    curve: Growth  # at every time
+    growth: Growth  # error growth at the times of the tables
+    curve: Growth  # error growth at all times of the windows
     # `growth` of windows ``static``, ``straight``, ``turning``; None without such windows
     motions: dict[str, Growth | None]
     diagnosis: Diagnosis
     sensors: SensorFit
     regression: Regression
     replicas: Replicas | None
-    verdicts: tuple[Verdict, ...]  # North, East, Down, horizontal at the end
+    verdicts: tuple[Verdict, ...]  # for North, East, Down, horizontal, at the end of the windows
 
 
 @dataclass(frozen=True, slots=True)
@@ -301,16 +300,16 @@ class RecordedBudget:
 
     settings: WindowSettings
     reference: str  # description of the reference
-    duration: float  # of the navigated drive [s]
-    calibrated: RecordedPart  # corrected by the filter's estimates of sensor errors
-    uncalibrated: RecordedPart | None  # nothing corrected
+    duration: float  # duration of the navigated drive [s]
+    calibrated: RecordedPart  # windows corrected by the filter's estimates of sensor errors
+    uncalibrated: RecordedPart | None  # windows without these corrections
     spec: ImuSpec  # specification of the IMU
-    track: Trajectory  # the smoothed drive
-    notes: tuple[Finding, ...]  # of the drive and of the windows
+    track: Trajectory  # smoothed trajectory of the drive
+    notes: tuple[Finding, ...]  # findings about the drive and the windows
 
     @property
     def shown(self) -> RecordedPart:
-        """Windows for the comparison with other columns: uncalibrated if requested."""
+        """Part for the comparison with other columns: uncalibrated windows if requested."""
         return self.calibrated if self.uncalibrated is None else self.uncalibrated
 
 
@@ -323,10 +322,10 @@ def recorded_budget(
 ) -> RecordedBudget:
     """Divide a drive into free-inertial windows and find the causes of their errors.
 
-    `ready`: the drive; the windows use no other aiding, either. `reference`: of the errors; by default the fixes of the
-    drive.
+    `ready`: the drive. Its windows use neither fixes nor other aiding. `reference`: reference of the errors; by default
+    the fixes of the drive.
     Raises: ConfigError: windows outside 10 to 300 s, one or two replicas. InputError: a drive too short for one window,
-    or no window without a gap.
+    or every window has a gap.
     """
     settings = settings or WindowSettings()
     if settings.replicas < 0 or 0 < settings.replicas < FEWEST:
@@ -349,10 +348,10 @@ def recorded_budget(
         )
         for number, kind in enumerate(kinds)
     ]
-    made: tuple[Replicas | None, ...] = (None,) * len(kinds)
+    simulated: tuple[Replicas | None, ...] = (None,) * len(kinds)
     if settings.replicas and settings.start == "forward":
         announce("simulating replicas")
-        made = replicas(
+        simulated = replicas(
             drive,
             replica_task(drive, reference, spec, windows, table_times(windows[0])),
             windows,
@@ -361,7 +360,7 @@ def recorded_budget(
             workers=settings.workers,
             progress=share_of(progress, 0.15 + share, 0.8 - share),
         )
-    parts = [_part(each, ready.model, theirs) for each, theirs in zip(windows, made, strict=True)]
+    parts = [_part(each, ready.model, theirs) for each, theirs in zip(windows, simulated, strict=True)]
     if progress is not None:
         progress(1.0)
     solution = drive.run.solution
@@ -383,36 +382,35 @@ def recorded_budget(
 
 def _part(windows: Windows, model: ErrorModel, made: Replicas | None) -> RecordedPart:
     times = table_times(windows)
-    summed = growth(windows, times)
+    recorded = growth(windows, times)
     return RecordedPart(
         windows,
-        summed,
+        recorded,
         growth(windows, windows.grid),
         by_motion(windows, times),
         diagnose(windows, model),
         fit_sensors(windows, model),
         regression(windows),
         made,
-        verdicts(summed, one_sensor=windows.uncalibrated),
+        verdicts(recorded, one_sensor=windows.uncalibrated),
     )
 
 
 def verdicts(found: Growth, *, one_sensor: bool = False) -> tuple[Verdict, ...]:
-    """Compare recorded and predicted error at the last time.
+    """Compare recorded and predicted RMS error at the end of the windows.
 
-    Errors are explained unless their confidence interval lies above the prediction, or if their square is plausible for
-    as many normal errors. An error common to all windows is one sample. If it is the share c of the mean square, n
-    windows are equivalent to ``1 / (c^2 + (1 - c)^2 / n)`` samples (Satterthwaite 1946).
+    Errors are explained if their mean square is plausible (chi-square) for the predicted sd, or if their confidence
+    interval reaches the prediction. An error common to all windows is one sample. If it is the share c of
+    the mean square, n windows are equivalent to ``1 / (c^2 + (1 - c)^2 / n)`` samples (Satterthwaite 1946).
 
-    `one_sensor`: the errors of all windows come from the turn-on errors of one IMU. Their RMS may differ from the
-    prediction like a single sample.
+    `one_sensor`: the turn-on errors of one IMU cause the errors of all windows, which then count as one sample.
     """
     out = []
     tail = 0.5 * (1.0 - CONFIDENCE)
     for name in ("north", "east", "down", "horizontal"):
         i = found.column(name)
         rms, low, high, predicted = (float(v[-1, i]) for v in (found.corrected, found.low, found.high, found.predicted))
-        # an error below the noise of the reference is not larger than predicted
+        # an error below the noise of the reference counts as zero, so it is not larger than predicted
         recorded = 0.0 if found.below_noise[-1, i] else rms
         common = float(np.nan_to_num(found.common[-1, i]))
         samples = 1.0 / (common**2 + (1.0 - common) ** 2 / max(found.effective, 1.0))
@@ -430,7 +428,7 @@ def verdicts(found: Growth, *, one_sensor: bool = False) -> tuple[Verdict, ...]:
 def _findings(
     reference: WindowReference, spec: ImuSpec, settings: WindowSettings, part: RecordedPart, *, correlated: bool
 ) -> Iterator[Finding]:
-    """Report assumptions and missing items."""
+    """Report assumptions of the budget, absent error terms and absent kinds of windows."""
     if reference.own_fixes:
         yield Finding.of(Code.BUDGET_OWN_FIXES)
     gyro, accel = (
@@ -453,11 +451,11 @@ def _findings(
             yield Finding.of(Code.BUDGET_ALL_TURNING)
 
 
-_MARGIN = 5.0  # of the track on both sides of a window [s]
+_MARGIN = 5.0  # length of the track on both sides of a window [s]
 
 
 def typical_window(part: RecordedPart) -> int:
-    """Return the window whose predicted final variances, horizontal and down, are nearest their mean.
+    """Return the index of the window whose predicted final variances, horizontal and down, are nearest their mean.
 
     The budget of this window then predicts the RMS of all windows.
     """
@@ -468,9 +466,9 @@ def typical_window(part: RecordedPart) -> int:
 
 
 def window_motion(budget: RecordedBudget, duration: float) -> SampledMotion:
-    """Motion of the window closest to the mean prediction, from the smoothed track of the drive.
+    """Compute the motion of the typical window from the smoothed track of the drive.
 
-    `duration`: from the start of the window [s].
+    `duration`: length of the motion from the start of the window [s].
     """
     part, track = budget.shown, budget.track
     start = float(part.windows.start[typical_window(part)])
@@ -483,12 +481,12 @@ def window_motion(budget: RecordedBudget, duration: float) -> SampledMotion:
 
 
 def window_start_sources(budget: RecordedBudget) -> tuple[Source, ...]:
-    """Errors at the start of the typical window, from the covariance of the filter or the specification."""
+    """Compute the error sources at the start of the typical window from its start covariance."""
     return start_sources(budget.shown.windows.start_covariance[typical_window(budget.shown)])
 
 
 def spec_in_windows(budget: RecordedBudget) -> ImuSpec:
-    """Return the IMU errors that arise after the start of a window: noise, bias change, terms without filter states.
+    """Return a specification of IMU errors after the start of a window: noise, bias change, terms without states.
 
     In-run bias since the start is a random walk with the driving noise of the IMU file's Gauss-Markov process,
     ``2 sd^2 / T`` (Gelb 1974, section 3.6). This holds for times far below T. Accelerometer misalignment acts as a bias
@@ -503,14 +501,14 @@ def with_recorded(found: Budget, budget: RecordedBudget) -> Budget:
     """Add the recorded column. `found`: budget from `spec_in_windows`, `window_start_sources` and `window_motion`."""
     windows = budget.shown.windows
     times = found.time[found.chosen]
-    summed = growth(windows, times)
-    columns = [summed.column(name) for name in ("north", "east", "down", "horizontal")]
+    recorded = growth(windows, times)
+    columns = [recorded.column(name) for name in ("north", "east", "down", "horizontal")]
     column = RecordedColumn(
         time=times,
-        corrected=summed.corrected[:, columns],
-        low=summed.low[:, columns],
-        high=summed.high[:, columns],
-        predicted=summed.predicted[:, columns],
+        corrected=recorded.corrected[:, columns],
+        low=recorded.low[:, columns],
+        high=recorded.high[:, columns],
+        predicted=recorded.predicted[:, columns],
         windows=windows.count,
         description=f"{windows.count} windows of {windows.length:g} s, {_kind(budget)}, against {budget.reference}",
     )

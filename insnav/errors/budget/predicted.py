@@ -1,7 +1,7 @@
-"""Predicted budget: each source by closed laws, and propagated along the motion with the full linear error model.
+"""Predicted error budget: closed laws for each source, and propagation along the motion by the full linear error model.
 
-In the covariance budget only the errors are assumed small: Earth rate, curvature, Coriolis, turns and accelerations are
-included. The model is linear, so the total covariance is the sum over the sources.
+The covariance budget includes Earth rate, curvature, Coriolis, turns and accelerations; it assumes small errors. The
+model is linear, so the total covariance is the sum over the sources.
 
 The analytic budget has closed short-time laws, and the same integrals along a motion. An accelerometer error is
 integrated once to velocity and twice to position: ``B t^2 / 2`` for a bias, ``N t^1.5 / sqrt(3)`` for white noise. A
@@ -12,7 +12,7 @@ Groves (2013), section 14.2 and chapter 5 (short-term error propagation); Titter
 Navigation Technology", 2nd ed. (2004), chapter 12. For integrals of white noise: Papoulis, "Probability, Random
 Variables, and Stochastic Processes" (1991), chapter 10.
 
-Beyond two minutes a position error tilts the level, as the Earth is curved. `schuler` then corrects every integral.
+Beyond two minutes a position error tilts the computed level, as the Earth is curved. `schuler` corrects every integral.
 
 Along a motion, `analytic` integrates each constant error with the attitude and specific force of the motion, and each
 noise pulse by pulse. At rest this equals the laws above to the last digit.
@@ -34,13 +34,13 @@ from insnav.kernels.error_propagation import noise_variances
 from insnav.simulate.sensor_errors import flicker_processes
 from insnav.types import FloatArray, IntArray
 
-SHORTEST, LONGEST = 0.02, 0.1  # steps of the propagation [s]
-_STEPS = 3000  # number of steps, if this length allows it
-_CONSTANT = ("constant", "ramp")
-_DIRECTIONS = 720  # a quarter of a degree: underestimates a worst case by up to 2e-6
-SHORT = 120.0  # up to here the short forms, beyond it the closed Schuler forms [s]
-_CLOSED_STEPS = 1500  # of the integrals of noise
-# number of integrations of a constant up to tilt, velocity and position; None: the Schuler loop has no effect
+SHORTEST, LONGEST = 0.02, 0.1  # limits of the propagation step [s]
+_STEPS = 3000  # number of steps, if the step is then within its limits
+_CONSTANT = ("constant", "ramp")  # processes with one random number; all others are noise
+_DIRECTIONS = 720  # directions of the worst case, 0.25 deg apart: underestimate it by up to 2e-6 [-]
+SHORT = 120.0  # the short forms apply up to this time, the closed Schuler forms beyond it [s]
+_CLOSED_STEPS = 1500  # number of steps for integrals of noise
+# number of integrations of a constant error to tilt, velocity and position; None: no effect of the Schuler loop
 _ORDERS = {
     "initial velocity": (None, 0, 1),
     "initial tilt": (0, 1, 2),
@@ -57,15 +57,15 @@ class Steps:
 
     state: FloatArray  # (m, 10) in the middle of each step; see `insnav.kernels.mechanization`
     force_n: FloatArray  # (m, 3) mean specific force North, East, Down [m/s^2]
-    dt: FloatArray  # (m,) [s]
-    edges: IntArray  # (m + 1,) numbers of the first samples
+    dt: FloatArray  # (m,) length of each step [s]
+    edges: IntArray  # (m + 1,) index of the first sample of each step, and of the end
 
 
 def steps_of(motion: SampledMotion, rows: IntArray, count: int = _STEPS, longest: float = LONGEST) -> Steps:
-    """Join samples to steps that end at the requested results.
+    """Combine samples into steps, one of which ends at each requested result.
 
     `rows` (r,): samples after which results are returned, increasing. `count`: approximate number of steps. `longest`:
-    [s].
+    longest step [s].
     """
     step = min(max(float(motion.elapsed[rows[-1] - 1]) / count, SHORTEST), longest)
     size = max(1, round(step / float(np.median(motion.dt))))
@@ -116,27 +116,27 @@ def disturbance(source: Source, motion: SampledMotion) -> FloatArray:
 def _sensed(source: Source, motion: SampledMotion) -> tuple[FloatArray | None, FloatArray | None]:
     """Compute errors of gyros and accelerometers, body axes, ``(n, 3)``; None without errors."""
     if source.joint:
-        # the estimate of the sensor error, including its own error, was corrected
+        # the filter subtracts its estimate from the samples, so the estimation error enters with opposite sign
         sensors = np.array(source.joint)[9:].reshape(4, 3)
         return -(sensors[0] + sensors[2] * motion.rate), -(sensors[1] + sensors[3] * motion.force)
     since = motion.elapsed - 0.5 * motion.dt
     if source.group == "timing":
-        # a delay of tau, or growing with time: the output shows the past
-        late = np.ones_like(since) if source.term == "offset" else since
+        # the output lags by a unit delay, or by the elapsed time: its error is minus delay times rate of change
+        delay = np.ones_like(since) if source.term == "offset" else since
         middle = since + motion.truth.time[0]
-        rate, force = (-late[:, None] * np.gradient(value, middle, axis=0) for value in (motion.rate, motion.force))
+        rate, force = (-delay[:, None] * np.gradient(value, middle, axis=0) for value in (motion.rate, motion.force))
         return rate, force
-    term, (shown, driving) = source.error_term, source.element
-    assert term.drive is not None  # a budget term
+    term, (sensitive, driving) = source.error_term, source.element
+    assert term.drive is not None  # every budget term has a driving signal
     error = np.zeros((len(motion.dt), 3))
-    error[:, shown] = term.drive(motion.rate, motion.force, since[:, None])[:, driving]
+    error[:, sensitive] = term.drive(motion.rate, motion.force, since[:, None])[:, driving]
     return (error, None) if source.group == "gyro" else (None, error)
 
 
 def covariance(sources: tuple[Source, ...], motion: SampledMotion, rows: IntArray, *, hold: bool = False) -> FloatArray:
-    """Propagate each source alone along a motion.
+    """Propagate the covariance of the errors from each source alone along a motion.
 
-    `sources`: see `insnav.errors.budget.sources.sources_of`; zero sources cost nothing. `rows` (m,): samples after
+    `sources`: see `insnav.errors.budget.sources.sources_of`; zero sources are skipped. `rows` (m,): samples after
     which results are returned, increasing. `hold`: constrain the vertical channel to the reference height, the
     free-inertial convention: no errors down. Otherwise it is free, and unstable with an e-folding time of 570 s.
     Returns: (m, s, 9, 9) covariance of the errors of position N, E, D [m], velocity [m/s] and attitude [rad] by each
@@ -145,32 +145,32 @@ def covariance(sources: tuple[Source, ...], motion: SampledMotion, rows: IntArra
     steps = steps_of(motion, rows)
     at = np.searchsorted(steps.edges, rows)
     parts = np.zeros((len(rows), len(sources), 9, 9))
-    here = [i for i, source in enumerate(sources) if source.sd > 0.0]
-    constant = [i for i in here if sources[i].kind in _CONSTANT]
-    noisy = [i for i in here if sources[i].kind not in _CONSTANT]
-    if constant:
-        first, given = np.zeros((len(constant), 9)), np.zeros((len(steps.dt), len(constant), 9))
+    nonzero = [i for i, source in enumerate(sources) if source.sd > 0.0]
+    constant = [i for i in nonzero if sources[i].kind in _CONSTANT]
+    noisy = [i for i in nonzero if sources[i].kind not in _CONSTANT]
+    if constant:  # one propagated vector per source
+        initial, given = np.zeros((len(constant), 9)), np.zeros((len(steps.dt), len(constant), 9))
         for k, i in enumerate(constant):
             source = sources[i]
-            first[k] = source.sd * at_start(source)
+            initial[k] = source.sd * at_start(source)
             given[:, k] = source.sd * integrated(disturbance(source, motion), motion, steps)
         if hold:
-            first[:, [2, 5]] = 0.0
-        found = np.empty((len(rows), len(constant), 9))
-        _kernel.sensitivities(steps.state, steps.force_n, steps.dt, given, first, hold, at, found)
-        parts[:, constant] = found[..., :, None] * found[..., None, :]
-    if noisy:
-        ways = list(dict.fromkeys(unit_of(sources[i]) for i in noisy))
-        given = np.stack([integrated(disturbance(each, motion), motion, steps) for each in ways], axis=1)
+            initial[:, [2, 5]] = 0.0
+        response = np.empty((len(rows), len(constant), 9))
+        _kernel.sensitivities(steps.state, steps.force_n, steps.dt, given, initial, hold, at, response)
+        parts[:, constant] = response[..., :, None] * response[..., None, :]
+    if noisy:  # one propagated covariance per process; the sources of one axis share the input
+        units = list(dict.fromkeys(unit_of(sources[i]) for i in noisy))
+        given = np.stack([integrated(disturbance(each, motion), motion, steps) for each in units], axis=1)
         owner, numbers = zip(*((i, process) for i in noisy for process in processes(sources[i], motion)), strict=True)
-        axis = [ways.index(unit_of(sources[i])) for i in owner]
+        axis = [units.index(unit_of(sources[i])) for i in owner]
         white, drive, decay, begun = np.array(numbers).T.copy()
-        found = np.empty((len(rows), len(owner), 9, 9))
+        response = np.empty((len(rows), len(owner), 9, 9))
         _kernel.noises(
-            steps.state, steps.force_n, steps.dt, given, np.array(axis), white, drive, decay, begun, hold, at, found
+            steps.state, steps.force_n, steps.dt, given, np.array(axis), white, drive, decay, begun, hold, at, response
         )
         for k, i in enumerate(owner):
-            parts[:, i] += found[:, k]
+            parts[:, i] += response[:, k]
     for i in noisy:
         if sources[i].kind == "quantisation":
             last = sources[i].sd * last_step(sources[i], motion, steps.edges[at], hold)
@@ -179,7 +179,7 @@ def covariance(sources: tuple[Source, ...], motion: SampledMotion, rows: IntArra
 
 
 def worst_case(parts: FloatArray) -> FloatArray:
-    """Compute the largest position errors if every source is within one standard deviation.
+    """Compute the largest position errors that occur if every source is within one standard deviation.
 
     `parts` (m, s, 9, 9): from `covariance`.
     Returns: (m, 4): North, East, Down, horizontal [m].
@@ -193,11 +193,11 @@ def worst_case(parts: FloatArray) -> FloatArray:
     """
     angle = np.linspace(0.0, np.pi, _DIRECTIONS, endpoint=False)
     u = np.stack([np.cos(angle), np.sin(angle)], axis=1)
-    found = np.empty((len(parts), 4))
-    found[:, :3] = np.sqrt(np.einsum("msii->msi", parts[..., :3, :3])).sum(axis=1)
-    for row, part in zip(found, parts[..., :2, :2], strict=True):
+    worst = np.empty((len(parts), 4))
+    worst[:, :3] = np.sqrt(np.einsum("msii->msi", parts[..., :3, :3])).sum(axis=1)
+    for row, part in zip(worst, parts[..., :2, :2], strict=True):
         row[3] = np.sqrt(np.maximum(np.einsum("di,sij,dj->ds", u, part, u), 0.0)).sum(axis=1).max()
-    return found
+    return worst
 
 
 def at_start(source: Source) -> FloatArray:
@@ -212,20 +212,20 @@ def at_start(source: Source) -> FloatArray:
 
 
 def integrated(values: FloatArray, motion: SampledMotion, steps: Steps) -> FloatArray:
-    """Integrate rates of samples over steps."""
+    """Integrate sampled rates over each step."""
     values = (values * motion.dt[:, None])[: steps.edges[-1]]
     return np.asarray(np.add.reduceat(values, steps.edges[:-1], axis=0))
 
 
 def unit_of(source: Source) -> Source:
-    """Return the unit source through which a noise enters: a bias of its axis, or its quantisation."""
+    """Return the unit source that acts like a noise at each instant: a bias of its axis, or its quantisation."""
     if source.kind == "quantisation":
         return replace(source, sd=1.0)
     return Source(source.group, "bias", source.axis, "constant", 1.0)
 
 
 def last_step(source: Source, motion: SampledMotion, rows: IntArray, hold: bool) -> FloatArray:
-    """Compute errors from a unit error of the last step of a quantised integral, ``(m, 9)``."""
+    """Compute the direct effect ``B e`` of a unit quantisation error e of the last sample, ``(m, 9)``."""
     out = np.zeros((len(rows), 9))
     along = motion.C_nb[rows - 1, :, BODY.index(source.axis)]
     if source.group == "gyro":
@@ -236,9 +236,9 @@ def last_step(source: Source, motion: SampledMotion, rows: IntArray, hold: bool)
 
 
 def processes(source: Source, motion: SampledMotion) -> list[tuple[float, float, float, float]]:
-    """Return the processes of a noise: density of white part, driving density, decay [1/s], first variance.
+    """Decompose a noise into processes: white density, driving density, decay rate [1/s], initial variance.
 
-    `source`: not constant. `motion`: its length and sampling determine the processes of flicker noise.
+    `source`: not constant. `motion`: its length and sampling rate determine the processes of flicker noise.
     """
     variance = source.sd**2
     if source.kind == "white":
@@ -250,7 +250,7 @@ def processes(source: Source, motion: SampledMotion) -> list[tuple[float, float,
     if source.kind == "Gauss-Markov":
         return [_markov(variance, source.correlation_time)]
     spacing = float(np.median(motion.dt))
-    # as in the simulation: the first sample of a record has no earlier interval
+    # processes for the duration without the first interval, as in the simulation
     share, times = flicker_processes(spacing, motion.elapsed[-1] - spacing)
     return [_markov(variance * share**2, tau) for tau in times]
 
@@ -281,19 +281,18 @@ def integral(kind: Process, order: int, time: ArrayLike) -> FloatArray:
 
 
 def schuler(kind: Process, order: int, time: ArrayLike, rate: float) -> FloatArray:
-    """Compute the factor of the closed Schuler loop on the short form of an n-fold integral.
+    """Compute the factor by which the closed Schuler loop multiplies the short form of an n-fold integral.
 
     `kind`: process of the error; slow processes (Gauss-Markov, flicker) count as constant. `time` [s], above zero.
     `rate`: Schuler rate ``sqrt(g / R)`` [rad/s].
-    Returns: one for short times.
+    Returns: factor, which tends to one for short times.
 
     Notes
     -----
     The loop ``dv' = -g phi + B``, ``phi' = dv / R - eps`` multiplies the short form of a constant by a factor of
     x = w_s t. For n = 0 to 4 it is ``cos x``, ``sin x / x``, ``2 (1 - cos x) / x^2``, ``6 (x - sin x) / x^3`` and
     ``24 (x^2 / 2 - 1 + cos x) / x^4``. Sources up to n = 3: Groves (2013), section 5.7; Titterton and Weston (2004),
-    chapter 12. White noise sums squared pulse responses:
-    the integral of the squared response of one order less.
+    chapter 12. White noise: integral of the squared response of one order less.
     """
     x = rate * np.asarray(time, dtype=np.float64)
     if kind in ("ramp", "random walk"):
@@ -307,8 +306,8 @@ def schuler(kind: Process, order: int, time: ArrayLike, rate: float) -> FloatArr
             x**3 / 3 + 2 * x * c - 2 * s + x / 2 - s * c / 2,
         )
         return np.asarray(np.sqrt(squares[order - 1]) / integral("white", order, x))
-    answers = (c, s, 1 - c, x - s, x * x / 2 - 1 + c)
-    return np.asarray(answers[order] / integral("constant", order, x))
+    responses = (c, s, 1 - c, x - s, x * x / 2 - 1 + c)
+    return np.asarray(responses[order] / integral("constant", order, x))
 
 
 def gravity_of(motion: SampledMotion) -> float:
@@ -324,7 +323,7 @@ def schuler_rate(motion: SampledMotion) -> float:
 
 
 def analytic(sources: tuple[Source, ...], motion: SampledMotion, rows: IntArray, *, hold: bool = False) -> FloatArray:
-    """Compute the standard deviation from each source, by closed forms.
+    """Compute the standard deviation of the errors from each source by closed forms.
 
     `rows` (m,): samples after which results are returned, increasing.
     Returns: (m, s, 9): of position N, E, D [m], velocity [m/s], attitude [rad]. Short forms apply up to `SHORT`,
@@ -333,14 +332,14 @@ def analytic(sources: tuple[Source, ...], motion: SampledMotion, rows: IntArray,
     time, rate = motion.elapsed[rows - 1], schuler_rate(motion)
     out = np.zeros((len(rows), len(sources), 9))
     steps = steps_of(motion, rows, count=_CLOSED_STEPS, longest=math.inf)
-    at = np.searchsorted(steps.edges, rows)
+    ends = np.searchsorted(steps.edges, rows)
     for k, source in enumerate(sources):
         if source.sd == 0.0:
             continue
         if source.kind in ("constant", "ramp"):
             out[:, k] = source.sd * np.abs(_constant(source, motion)[rows]) * _in_the_loop(source, time, rate)
         else:
-            out[:, k] = _noise(source, motion, steps, at, np.where(time > SHORT, rate, 0.0))
+            out[:, k] = _noise(source, motion, steps, ends, np.where(time > SHORT, rate, 0.0))
     if hold:
         out[..., [2, 5]] = 0.0
     return out
@@ -353,13 +352,13 @@ def _constant(source: Source, motion: SampledMotion) -> FloatArray:
     it alone couples an error: heading into the tilt, ``phi' = -w_in x psi``, vertical velocity into the level axes.
     """
     dt = motion.dt[:, None]
-    state, given = np.tile(at_start(source), (len(dt) + 1, 1)), disturbance(source, motion)
+    state, rate = np.tile(at_start(source), (len(dt) + 1, 1)), disturbance(source, motion)
     phi, velocity, position = state[:, 6:], state[:, 3:6], state[:, :3]
     heading, lat = state[0, 8], motion.lla[:, 0]
     w_ie, w_en = earth_rate_n(lat), transport_rate_n(lat, motion.lla[:, 2], motion.v_n)
-    given[:, :3] -= np.cross(w_ie + w_en, [0.0, 0.0, heading])
-    phi[1:] += np.cumsum(given[:, :3] * dt, axis=0)
-    push = np.cross(motion.force_n, 0.5 * (phi[1:] + phi[:-1])) + given[:, 3:6]
+    rate[:, :3] -= np.cross(w_ie + w_en, [0.0, 0.0, heading])
+    phi[1:] += np.cumsum(rate[:, :3] * dt, axis=0)
+    push = np.cross(motion.force_n, 0.5 * (phi[1:] + phi[:-1])) + rate[:, 3:6]
     push[:, :2] -= np.cross(2.0 * w_ie + w_en, (np.cumsum(push * dt, axis=0) + velocity[0]) * [0.0, 0.0, 1.0])[:, :2]
     velocity[1:] += np.cumsum(push * dt, axis=0)
     position[1:] += np.cumsum(0.5 * (velocity[1:] + velocity[:-1]) * dt, axis=0)
@@ -384,23 +383,22 @@ def _noise(source: Source, motion: SampledMotion, steps: Steps, at: IntArray, lo
     position = np.cumsum(0.5 * (velocity[1:] + velocity[:-1]) * dt[:, None], axis=0)
     position = np.concatenate([np.zeros((1, 3)), position])
     white, drive, decay, first = np.array(processes(source, motion)).T.copy()
-    gone = np.minimum(dt[:, None] * decay, 700.0)
+    # Gauss-Markov process over one step: exponent x of its decay, and integral `gained` of the decay
+    x = np.minimum(dt[:, None] * decay, 700.0)
     tau = 1.0 / np.maximum(decay, 1e-30)
-    gained = np.where(gone > 0.0, -np.expm1(-gone) * tau, dt[:, None])
-    # 2 (x - 1 + exp(-x)) of the step, by its series where that form cancels
-    alone = np.where(gone > 0.01, 2.0 * (gone - 1.0 + np.exp(-gone)) * tau**2, dt[:, None] ** 2 * (1.0 - gone / 3.0))
+    gained = np.where(x > 0.0, -np.expm1(-x) * tau, dt[:, None])
+    # double integral of exp(-|u - v| / tau) over the step, by its series where the closed form cancels
+    alone = np.where(x > 0.01, 2.0 * (x - 1.0 + np.exp(-x)) * tau**2, dt[:, None] ** 2 * (1.0 - x / 3.0))
     variance = np.empty((len(at), 9))
     driven = np.where(first > 0.0, 0.0, drive)
-    noise_variances(
-        dt, velocity, position, given, loop, at, white, driven, first, np.exp(-gone), gained, alone, variance
-    )
+    noise_variances(dt, velocity, position, given, loop, at, white, driven, first, np.exp(-x), gained, alone, variance)
     if source.kind == "quantisation":
         variance += (source.sd * last_step(source, motion, steps.edges[at], hold=False)) ** 2
     return np.asarray(np.sqrt(variance))
 
 
 def _in_the_loop(source: Source, time: FloatArray, rate: float) -> FloatArray:
-    """Compute the factor of the Schuler loop on the level errors beyond `SHORT`, ``(m, 9)``."""
+    """Compute the factor by which the Schuler loop multiplies each error, ``(m, 9)``; one up to `SHORT`."""
     factor = np.ones((len(time), 9))
     orders = _ORDERS.get(source.family) or _ORDERS.get(source.group)
     late = time > SHORT

@@ -25,13 +25,14 @@ from insnav.strapdown import increments, intervals
 from insnav.types import FloatArray, Increments, Trajectory
 from insnav.units import DEG, G0
 
-RATE = 100.0  # [Hz]
+RATE = 100.0  # default sampling rate of a motion [Hz]
 REST = np.array([45.0 * DEG, 0.0, 0.0])  # latitude, longitude [rad], height [m] of the stationary motion
-HIGHEST = 1e5  # largest height in the search for a gravity value [m]
+HIGHEST = 1e5  # limit of the search for the height with a given gravity [m]
 Group = Literal["initial", "gyro", "accel", "gravity", "timing"]
 
 BODY, LOCAL = ("x", "y", "z"), ("north", "east", "down")
-STATES = 21  # position, velocity, attitude, gyro bias, accelerometer bias, both scale factors
+STATES = 21  # number of filter states: position, velocity, attitude, gyro bias, accelerometer bias, both scale factors
+# group, term, axes and first filter state of the errors, in the order of their factorisation by `start_sources`
 _NAMES: tuple[tuple[Group, str, tuple[str, ...], int], ...] = (
     ("accel", "bias", BODY, 12),
     ("accel", "scale factor", tuple(2 * axis for axis in BODY), 18),
@@ -42,22 +43,20 @@ _NAMES: tuple[tuple[Group, str, tuple[str, ...], int], ...] = (
     ("initial", "velocity", LOCAL, 3),
     ("initial", "position", LOCAL, 0),
 )
-_NOTHING = 1e-9  # smallest remaining share of a variance, given the previous ones
+_NOTHING = 1e-9  # a smaller share of a variance, conditional on the previous states, counts as zero [-]
 
 
 @dataclass(frozen=True, slots=True)
 class SampledMotion:
     """Section of an exact motion, divided into n sample intervals."""
 
-    truth: Trajectory  # at the n + 1 ends of the samples
+    truth: Trajectory  # true states at the n + 1 ends of the samples
     dt: FloatArray  # (n,) length of each sample [s]
-    # (n, 3) latitude, longitude [rad], height [m] and velocity North, East, Down [m/s] in the middle of each sample
-    lla: FloatArray
-    v_n: FloatArray
+    lla: FloatArray  # (n, 3) latitude, longitude [rad], height [m] in the middle of each sample
+    v_n: FloatArray  # (n, 3) velocity North, East, Down in the middle of each sample [m/s]
     C_nb: FloatArray  # (n, 3, 3) attitude in the middle of each sample
-    # (n, 3) mean angular rate [rad/s] and specific force [m/s^2] of each sample, body axes
-    rate: FloatArray
-    force: FloatArray
+    rate: FloatArray  # (n, 3) mean angular rate of each sample, body axes [rad/s]
+    force: FloatArray  # (n, 3) mean specific force of each sample, body axes [m/s^2]
     increments: Increments  # input of the mechanization, with coning and sculling
     description: str = ""  # description of the motion
 
@@ -73,10 +72,10 @@ class SampledMotion:
 
 
 def sampled(truth: Truth, begin: float, duration: float, description: str = "", rate: float = RATE) -> SampledMotion:
-    """Cut a section out of a motion.
+    """Sample a section of a motion as an IMU senses it.
 
-    `begin`: start of the section, after the start of the motion [s]. `duration`: its length [s]. `rate`: of the samples
-    [Hz].
+    `begin`: start of the section, after the start of the motion [s]. `duration`: length of the section [s].
+    `rate`: sampling rate [Hz].
     Raises: ConfigError: the section exceeds the motion, or approaches a pole.
     """
     if begin < 0.0 or begin + duration > truth.duration + 1e-6:
@@ -97,20 +96,20 @@ def at_rest(
 ) -> SampledMotion:
     """Build the default motion of a budget: stationary and level.
 
-    `duration`: length [s]. `lat`, `heading` [rad]. `gravity`: choose the height of this gravity [m/s^2] instead of
-    zero.
-    Raises: ConfigError: gravity that occurs nowhere near the ellipsoid, or a pole.
+    `duration`: length [s]. `lat`, `heading` [rad]. `gravity`: choose the height at which gravity has this value
+    [m/s^2]; None for height zero.
+    Raises: ConfigError: a gravity value that does not occur near the ellipsoid, or a pole.
     """
     height = 0.0 if gravity is None else _height_of(gravity, lat)
     truth = straight(np.array([lat, 0.0, height]), 0.0, heading, duration + 1.0)
     toward = "north" if heading == 0.0 else f"{heading / DEG % 360.0:g} deg"
-    at = f"at rest, level, heading {toward}, at a latitude of {lat / DEG:g} deg"
+    motion = f"at rest, level, heading {toward}, at a latitude of {lat / DEG:g} deg"
     where = "" if gravity is None else f", where gravity is {gravity:g} m/s^2 (height {height:.0f} m)"
-    return sampled(truth, 0.0, duration, at + where)
+    return sampled(truth, 0.0, duration, motion + where)
 
 
 def _height_of(gravity: float, lat: float) -> float:
-    """Find the height [m] of a normal gravity [m/s^2]."""
+    """Find the height [m] at which normal gravity has a given value [m/s^2]."""
 
     def excess(height: float) -> float:
         return float(np.linalg.norm(gravity_n(lat, height))) - gravity
@@ -123,7 +122,7 @@ def _height_of(gravity: float, lat: float) -> float:
 
 
 def first_movement(truth: Truth) -> float:
-    """Compute the time from the start to a second before the first movement [s]; 0 without a pause."""
+    """Compute the time from the start to one second before the first movement [s]; 0 without a pause or movement."""
     tau = np.arange(0.0, truth.duration, 0.5)
     moving = np.flatnonzero(np.linalg.norm(truth.evaluate(truth.start + tau).v_n, axis=1) > 0.05)
     return float(max(tau[moving[0]] - 1.0, 0.0)) if moving.size else 0.0
@@ -131,19 +130,19 @@ def first_movement(truth: Truth) -> float:
 
 @dataclass(frozen=True, slots=True)
 class Source:
-    """Independent scalar error."""
+    """Independent scalar source of errors in a budget."""
 
     group: Group  # group of the source
     term: str  # error type, such as ``scale factor``
     # ``x``, ``y``, ``z`` of the body; ``north``, ``east``, ``down``. A matrix element has two letters, first the
     # sensitive axis
     axis: str
-    kind: Process  # its process in time
+    kind: Process  # random process of the error
     # standard deviation, or root power spectral density of white noise or of a random walk's driving noise, or
     # coefficient of flicker noise. SI, radians.
     sd: float
-    correlation_time: float = math.inf  # of a Gauss-Markov process [s]
-    # for a source of correlated errors, its unit vector in 21 states; see `insnav.errors.budget.from_windows`
+    correlation_time: float = math.inf  # correlation time of a Gauss-Markov process [s]
+    # for correlated errors: errors of the 21 filter states per unit of this source; see `start_sources`
     joint: tuple[float, ...] = ()
 
     @property
@@ -158,17 +157,17 @@ class Source:
 
     @property
     def error_term(self) -> ErrorTerm:
-        """Sensor error term; KeyError if it belongs to no sensor."""
+        """Sensor error term of this source; KeyError if no sensor causes it."""
         return term_of(self.family)
 
     @property
     def element(self) -> tuple[int, int]:
-        """Sensitive axis of the sensor, and axis of the driving signal."""
+        """Indices of the sensitive axis of the sensor and of the axis of the driving signal."""
         return BODY.index(self.axis[0]), BODY.index(self.axis[-1])
 
 
 def sources_of(spec: ImuSpec, deflection: float = 0.0) -> tuple[Source, ...]:
-    """List every source, including zero ones.
+    """List all error sources of an IMU and its start, including sources of zero size.
 
     `deflection`: deflection of the vertical about each horizontal axis [rad]. Real gravity differs from the model's
     normal gravity by this angle times gravity, and as much in magnitude.
@@ -193,30 +192,30 @@ def sources_of(spec: ImuSpec, deflection: float = 0.0) -> tuple[Source, ...]:
 def start_sources(covariance: FloatArray) -> tuple[Source, ...]:
     """Derive independent sources from a filter's covariance at the start, including sensor errors.
 
-    Correlated errors (a tilt and the bias that compensates it) are not independent. A triangular factor of their
-    covariance gives independent sources: each includes its share of the later errors. Sensors come first: a bias
-    includes its tilt, and ``initial tilt`` is the remainder for known biases.
+    A tilt and the bias that compensates it are correlated. The Cholesky factor of the covariance gives independent
+    sources, each with its effect on all later states. Sensor errors come first, so a bias source includes the tilt
+    correlated with it. ``initial tilt`` is the part of the tilt that is independent of the biases.
 
     `covariance` (21, 21): of position N, E, D [m], velocity [m/s], attitude [rad], bias and scale factor (gyro,
     accelerometer), estimate minus truth.
-    Returns: sources with their shares in `Source.joint`. The sum of squares is the covariance (Cholesky).
+    Returns: sources with their effects in `Source.joint`. The sum of their outer products is the covariance.
     """
     labels = [(group, term, axis, first + i) for group, term, axes, first in _NAMES for i, axis in enumerate(axes)]
-    left = covariance.copy()
-    found = []
+    remainder = covariance.copy()
+    sources = []
     for group, term, axis, state in labels:
-        variance = left[state, state]
+        variance = remainder[state, state]
         if variance <= _NOTHING * covariance[state, state] or variance <= 0.0:
             continue
-        column = left[:, state] / np.sqrt(variance)
-        left = left - np.outer(column, column)
+        column = remainder[:, state] / np.sqrt(variance)
+        remainder = remainder - np.outer(column, column)
         sd = float(column[state])
-        found.append(Source(group, term, axis, "constant", sd, joint=tuple(column / sd)))
-    return tuple(found)
+        sources.append(Source(group, term, axis, "constant", sd, joint=tuple(column / sd)))
+    return tuple(sources)
 
 
 def term_of(family: str) -> ErrorTerm:
-    """Return the error term of a sensor by family, such as ``gyro bias``; KeyError if there is none."""
+    """Return the sensor error term of a family, such as ``gyro bias``; KeyError if no sensor has it."""
     return {term.family: term for term in TERMS}[family]
 
 
@@ -226,36 +225,36 @@ def families(sources: tuple[Source, ...]) -> tuple[str, ...]:
 
 
 def only(spec: ImuSpec, family: str) -> ImuSpec:
-    """Reduce an IMU to one family of sources.
+    """Return the specification of an IMU with one family of error sources only.
 
-    `family`: see `Source.family`; ``gravity model`` is not part of the IMU and leaves nothing.
+    `family`: see `Source.family`; ``gravity model`` is not part of the IMU, so all IMU errors are then zero.
     """
     group, _, term = family.partition(" ")
-    bare = ImuSpec(spec.name, SensorSpec(), SensorSpec())
+    error_free = ImuSpec(spec.name, SensorSpec(), SensorSpec())
     if group == "initial":
-        return replace(bare, initial=InitialSpec(**{term: getattr(spec.initial or InitialSpec(), term)}))
+        return replace(error_free, initial=InitialSpec(**{term: getattr(spec.initial or InitialSpec(), term)}))
     if group == "timing":
-        return replace(bare, clock=ClockSpec(**{term: getattr(spec.clock, term)}))
+        return replace(error_free, clock=ClockSpec(**{term: getattr(spec.clock, term)}))
     if group == "gravity":
-        return bare
-    whole: SensorSpec = getattr(spec, group)
+        return error_free
+    sensor: SensorSpec = getattr(spec, group)
     key = term_of(family).key
-    left = SensorSpec(correlation_time=whole.correlation_time, **{key: getattr(whole, key)})
-    return replace(bare, gyro=left) if group == "gyro" else replace(bare, accel=left)
+    reduced = SensorSpec(correlation_time=sensor.correlation_time, **{key: getattr(sensor, key)})
+    return replace(error_free, gyro=reduced) if group == "gyro" else replace(error_free, accel=reduced)
 
 
 def left_out(spec: ImuSpec) -> tuple[str, ...]:
     """List the IMU errors that the budget does not include, in words."""
-    found = [
+    errors = [
         term.family
         for sensor in SENSORS
         for term in terms_of(sensor)
         if not term.in_budget and np.any(getattr(getattr(spec, sensor), term.key))
     ]
     if np.any(spec.positions):
-        found.append("places of the accelerometers")
-    found += ["clock jitter"] * (spec.clock.jitter > 0.0) + ["lost samples"] * (spec.clock.lost_every > 0.0)
-    return tuple(found)
+        errors.append("places of the accelerometers")
+    errors += ["clock jitter"] * (spec.clock.jitter > 0.0) + ["lost samples"] * (spec.clock.lost_every > 0.0)
+    return tuple(errors)
 
 
 def not_given(spec: ImuSpec) -> tuple[str, ...]:

@@ -35,21 +35,21 @@ from insnav.types import FloatArray
 
 TERMS = ("t", "t²", "t³")
 FITS = 0.95  # a curve fits if its misfit is below this quantile of true curves
-_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(5)  # exact for the polynomials of the kernels
+_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(5)  # Gauss-Legendre: exact for the noise polynomials
 _EVERY = 5.0  # interval of the window's points in the fit [s]
 _DIFFERENT = 0.8  # norm of the mean forward unit vector, below which headings differ [-]
 CAUSES = ("velocity", "acceleration", "drift")
-ROUGH = 10.0  # residuals above this multiple of the noise follow no curve [-]
+ROUGH = 10.0  # an error with a larger reduced chi-square follows no curve [-]
 
 
 @dataclass(frozen=True, slots=True)
 class Curve:
     """Growth curve of the error of one axis."""
 
-    # (3,) velocity [m/s], acceleration [m/s^2], jerk [m/s^3], fitted jointly; with fewer than three values only the
-    # fewest terms, the others zero
+    # (3,) velocity [m/s], acceleration [m/s^2], jerk [m/s^3], fitted jointly; with fewer than three observations only
+    # the fewest terms that fit, with zero for all others
     value: FloatArray
-    covariance: FloatArray  # (3, 3) from noise and reference; infinite where not observable
+    covariance: FloatArray  # (3, 3) covariance of `value`; infinite where not observable
     terms: tuple[str, ...]  # the fewest of `TERMS` that fit
     # reduced chi-square of the fit of all three terms [-]: about 1 if these terms and the covariance are correct;
     # ``NaN`` without degrees of freedom
@@ -65,7 +65,7 @@ def fit_curve(elapsed: FloatArray, position: FloatArray, velocity: FloatArray, c
     """Fit position and velocity errors of one axis by generalised least squares.
 
     `elapsed` (k,): time since the start [s]. `position` (k,): error [m]. `velocity` (k,): error [m/s]; ``NaN`` if
-    unknown. `covariance` (2 k, 2 k): of all positions, then all velocities, about the curve; see `about_the_curve`.
+    unknown. `covariance` (2 k, 2 k): of all positions, then all velocities, about the curve, from `about_the_curve`.
     """
     observed = np.concatenate([position, velocity])
     known = np.isfinite(observed)
@@ -74,25 +74,25 @@ def fit_curve(elapsed: FloatArray, position: FloatArray, velocity: FloatArray, c
     factor = cho_factor(covariance[np.ix_(known, known)], lower=True)
     m = len(observed)
     for size in (1, 2, 3):
-        tries = [(*_solve(design[:, list(part)], observed, factor), part) for part in combinations(range(3), size)]
-        estimate, _, misfit, part = min(tries, key=lambda each: each[2])
+        fits = [(*_solve(design[:, list(part)], observed, factor), part) for part in combinations(range(3), size)]
+        estimate, _, misfit, part = min(fits, key=lambda each: each[2])
         if size >= m or misfit <= chi_square(m - size, FITS):
             break
-    value, spread, roughness = np.zeros(3), np.full((3, 3), np.inf), np.nan
+    value, matrix, roughness = np.zeros(3), np.full((3, 3), np.inf), np.nan
     value[list(part)] = estimate
     if m >= 3:
-        value, spread, left = _solve(design, observed, factor)
-        roughness = left / (m - 3) if m > 3 else np.nan
-    return Curve(value, spread, tuple(TERMS[i] for i in part), roughness)
+        value, matrix, misfit_all = _solve(design, observed, factor)
+        roughness = misfit_all / (m - 3) if m > 3 else np.nan
+    return Curve(value, matrix, tuple(TERMS[i] for i in part), roughness)
 
 
 def position_terms(elapsed: FloatArray) -> FloatArray:
-    """Compute position derivatives by velocity, acceleration and jerk, (k, 3)."""
+    """Compute the position error from unit initial velocity, acceleration and jerk, (k, 3)."""
     return np.column_stack([elapsed, elapsed**2 / 2.0, elapsed**3 / 6.0])
 
 
 def velocity_terms(elapsed: FloatArray) -> FloatArray:
-    """Compute velocity derivatives by velocity, acceleration and jerk, (k, 3)."""
+    """Compute the velocity error from unit initial velocity, acceleration and jerk, (k, 3)."""
     return np.column_stack([np.ones_like(elapsed), elapsed, elapsed**2 / 2.0])
 
 
@@ -104,10 +104,10 @@ def about_the_curve(
     gyro_noise: float,
     gravity: float,
 ) -> FloatArray:
-    """Compute the covariance of positions and velocities about their curve.
+    """Compute the covariance of position and velocity errors about their growth curve.
 
-    `elapsed` (k,): time since the start [s]. `reference_variance` (2 k,): of the reference positions, then velocities;
-    ignored if unknown [m^2], [m^2/s^2]. `start_variance`: of the position at the start, common to all positions [m^2].
+    `elapsed` (k,): time since the start [s]. `reference_variance` (2 k,): variance of the reference positions, then
+    velocities [m^2], [m^2/s^2]; 1 if unknown. `start_variance`: of the start position, common to all positions [m^2].
     `accel_noise`, `gyro_noise`: spectral densities of the white noise [m^2/s^3], [rad^2/s]. `gravity` [m/s^2].
     Returns: (2 k, 2 k).
 
@@ -140,16 +140,16 @@ def _solve(
 ) -> tuple[FloatArray, FloatArray, float]:
     """Solve for the estimate, its covariance, and the weighted sum of squared residuals."""
     weighted = cho_solve(factor, design)
-    # terms of very different size: scaled to one for a well-conditioned normal matrix
+    # terms of very different size are scaled to one for a well-conditioned normal matrix
     scale = np.linalg.norm(design, axis=0)
     inverse = np.linalg.pinv((weighted / scale).T @ (design / scale), hermitian=True)
     estimate = inverse @ ((weighted / scale).T @ observed) / scale
-    left = observed - design @ estimate
-    return estimate, inverse / np.outer(scale, scale), float(left @ cho_solve(factor, left))
+    residual = observed - design @ estimate
+    return estimate, inverse / np.outer(scale, scale), float(residual @ cho_solve(factor, residual))
 
 
 AXES = ("north", "east")
-SHORTEST = 5.0  # without fixes; before, the error of the last fix dominates [s]
+SHORTEST = 5.0  # least time without fixes; earlier, the error of the last fix dominates [s]
 
 
 @dataclass(frozen=True, slots=True)
@@ -157,14 +157,14 @@ class EndAxis:
     """Errors of one horizontal axis at the end of a run."""
 
     axis: str  # ``north`` or ``east``
-    position: float  # error [m]
-    velocity: float  # error [m/s]
-    power: float  # exponent of time of both errors, ``v t / p``; NaN without a position error
+    position: float  # position error [m]
+    velocity: float  # velocity error [m/s]
+    power: float  # exponent n of a growth with t^n, from ``v t / p``; NaN without a position error
     # (3,) initial velocity [m/s], acceleration [m/s^2], jerk [m/s^3], each as the only cause; and their sd
     alone: FloatArray
     sd: FloatArray
     left: FloatArray  # (3,) error that each cause alone leaves unexplained, in sd of the reference
-    terms: tuple[str, ...]  # the fewest of t, t², t³ that explain both errors; if two, any two do
+    terms: tuple[str, ...]  # the fewest of t, t², t³ that explain both errors; any two always do
 
     @property
     def fits(self) -> tuple[bool, ...]:
@@ -183,16 +183,16 @@ def explain_end(
     at = np.array([time])
     sd = np.array([position_sd, velocity_sd])
     design = np.vstack([position_terms(at), velocity_terms(at)]) / sd[:, None]
-    found = []
+    axes = []
     for axis, p, v in zip(AXES, position, velocity, strict=True):
         observed = np.array([p, v]) / sd
         size = np.sum(design**2, axis=0)
         alone = design.T @ observed / size
-        left = np.linalg.norm(observed[:, None] - design * alone, axis=0)
+        unexplained = np.linalg.norm(observed[:, None] - design * alone, axis=0)
         curve = fit_curve(at, np.array([p]), np.array([v]), np.diag(sd**2))
         power = float(v * time / p) if p != 0.0 else float("nan")
-        found.append(EndAxis(axis, float(p), float(v), power, alone, 1.0 / np.sqrt(size), left, curve.terms))
-    return tuple(found)
+        axes.append(EndAxis(axis, float(p), float(v), power, alone, 1.0 / np.sqrt(size), unexplained, curve.terms))
+    return tuple(axes)
 
 
 def end_of_run(found: EvaluatedRun) -> tuple[float, FloatArray, FloatArray]:
@@ -216,14 +216,12 @@ def end_of_run(found: EvaluatedRun) -> tuple[float, FloatArray, FloatArray]:
 class SensorFit:
     """Constant sensor errors, body axes, that were not corrected in the windows."""
 
-    # (3,) accelerometer bias [m/s^2]
-    accel: FloatArray
-    accel_sd: FloatArray
-    # (3,) gyro bias [rad/s]
-    gyro: FloatArray
-    gyro_sd: FloatArray
-    spread: float  # misfit over its expectation [-]; above one, the standard deviations include its root
-    # headings differ enough to separate the level accelerometers' bias from a tilt common to all starts
+    accel: FloatArray  # (3,) accelerometer bias [m/s^2]
+    accel_sd: FloatArray  # (3,) its standard deviation [m/s^2]
+    gyro: FloatArray  # (3,) gyro bias [rad/s]
+    gyro_sd: FloatArray  # (3,) its standard deviation [rad/s]
+    spread: float  # chi-square over its expectation [-]; if above one, it increases the variances by this factor
+    # True if headings differ enough to separate the bias of level accelerometers from a tilt common to all starts
     level_observable: bool
 
 
@@ -238,47 +236,47 @@ def fit_sensors(windows: Windows, model: ErrorModel) -> SensorFit:
     (Groves 2013, section 14.2.4, without Earth rotation and curvature, which contribute 0.05 % in a minute).
     """
     normal, right, misfit, points = np.zeros((6, 6)), np.zeros(6), 0.0, 0
-    each: list[tuple[FloatArray, FloatArray]] = []  # normal matrix and right side of every window
+    equations: list[tuple[FloatArray, FloatArray]] = []  # normal matrix and right side of every window
     stride = max(1, round(_EVERY / float(windows.grid[0])))
-    at = np.arange(len(windows.grid) - 1, -1, -stride)[::-1]
+    rows = np.arange(len(windows.grid) - 1, -1, -stride)[::-1]
     for i in range(windows.count):
         bias, start = _responses(windows, i)
-        bias, start = bias[:, at], start[:, at]
-        observed = np.concatenate([windows.error[i, at, :3].T.ravel(), windows.error[i, at, 3:].T.ravel()])
+        bias, start = bias[:, rows], start[:, rows]
+        observed = np.concatenate([windows.error[i, rows, :3].T.ravel(), windows.error[i, rows, 3:].T.ravel()])
         known = np.isfinite(observed)
-        # rows: all North, East, Down, then the velocities
-        design, own = (each.reshape(-1, each.shape[-1])[known] for each in (bias, start))
-        spread = _noise(windows, i, at, model)[np.ix_(known, known)]
-        spread += own @ windows.start_covariance[i, :9, :9] @ own.T
-        factor = cho_factor(spread, lower=True)
+        # rows: positions North, East, Down at all epochs, then velocities
+        design, by_start = (matrix.reshape(-1, matrix.shape[-1])[known] for matrix in (bias, start))
+        noise = _noise(windows, i, rows, model)[np.ix_(known, known)]
+        noise += by_start @ windows.start_covariance[i, :9, :9] @ by_start.T
+        factor = cho_factor(noise, lower=True)
         weighted = cho_solve(factor, design)
-        each.append((design.T @ weighted, weighted.T @ observed[known]))
-        normal += each[-1][0]
-        right += each[-1][1]
+        equations.append((design.T @ weighted, weighted.T @ observed[known]))
+        normal += equations[-1][0]
+        right += equations[-1][1]
         misfit += float(observed[known] @ cho_solve(factor, observed[known]))
         points += int(known.sum())
     scale = 1.0 / np.sqrt(np.maximum(np.diag(normal), 1e-300))
     inverse = np.linalg.pinv(normal * np.outer(scale, scale), hermitian=True) * np.outer(scale, scale)
-    found = inverse @ right
-    misfit -= float(right @ found)
+    estimate = inverse @ right
+    misfit -= float(right @ estimate)
     spread_ratio = misfit / max(points - 6, 1)
-    # overlapping windows share data
+    # overlapping windows share data, so the variance of the fit grows by this factor
     repeated = windows.count / effective_count(windows.start, windows.length)
     # model errors, such as misalignment in turns, are common within a window: the scatter between windows reveals them
     # (Liang and Zeger, Biometrika 73 (1986) 13-22, with the windows as clusters)
-    scores = np.array([b - n @ found for n, b in each])
+    scores = np.array([b - n @ estimate for n, b in equations])
     count = effective_count(windows.start, windows.length)
     robust = np.diag(inverse @ scores.T @ scores @ inverse) * repeated * count / max(count - 1.0, 1.0)
     variance = np.maximum(np.diag(inverse) * max(spread_ratio, 1.0) * repeated, robust)
-    # a tilt that rotates with the body over all starts, as a filter makes of an unknown bias, equals that bias
+    # a filter with an unknown bias has a tilt that rotates with the body: the fit cannot separate it from the bias
     tilt = float(np.mean(np.einsum("nii->n", windows.start_covariance[:, 6:8, 6:8]))) / 2.0
     level = 1.0 - np.mean(dcm_from_quat(windows.q_nb[:, 0])[:, 2] ** 2, axis=0)
     variance[:3] += level * tilt * float(gravity_n(*windows.lla[0, [0, 2]])[2]) ** 2
     sd = np.sqrt(variance)
-    # forward unit vectors have a short mean if headings differ: a common tilt then averages out
-    ahead = dcm_from_quat(windows.q_nb)[..., :2, 0].reshape(-1, 2).mean(axis=0)
-    differ = float(np.linalg.norm(ahead)) < _DIFFERENT
-    return SensorFit(found[:3], sd[:3], found[3:], sd[3:], spread_ratio, differ)
+    # if headings differ, the forward unit vectors have a short mean, and a common tilt averages out
+    forward = dcm_from_quat(windows.q_nb)[..., :2, 0].reshape(-1, 2).mean(axis=0)
+    differ = float(np.linalg.norm(forward)) < _DIFFERENT
+    return SensorFit(estimate[:3], sd[:3], estimate[3:], sd[3:], spread_ratio, differ)
 
 
 def _responses(windows: Windows, i: int) -> tuple[FloatArray, FloatArray]:
@@ -286,12 +284,12 @@ def _responses(windows: Windows, i: int) -> tuple[FloatArray, FloatArray]:
     time = np.concatenate([[0.0], windows.elapsed[i]])
     c = dcm_from_quat(windows.q_nb[i])
     f = np.gradient(windows.v_n[i], time, axis=0) - gravity_n(windows.lla[i, 0], windows.lla[i, 2])
-    cross = np.zeros((len(time), 3, 3))  # f x
+    cross = np.zeros((len(time), 3, 3))  # cross product matrix of f
     cross[:, 0, 1], cross[:, 0, 2], cross[:, 1, 2] = -f[:, 2], f[:, 1], -f[:, 0]
     cross -= np.swapaxes(cross, 1, 2)
     eye = np.tile(np.eye(3), (len(time), 1, 1))
-    turned = -_integral(time, c)  # attitude by gyro bias
-    v = np.concatenate([_integral(time, c), _integral(time, cross @ turned)], axis=2)
+    attitude = -_integral(time, c)  # attitude error per unit gyro bias
+    v = np.concatenate([_integral(time, c), _integral(time, cross @ attitude)], axis=2)
     p = _integral(time, v)
     v_start = np.concatenate([np.zeros_like(eye), eye, _integral(time, cross)], axis=2)
     p_start = np.concatenate([eye, time[:, None, None] * eye, _integral(time, v_start[:, :, 6:])], axis=2)
@@ -300,7 +298,7 @@ def _responses(windows: Windows, i: int) -> tuple[FloatArray, FloatArray]:
 
 
 def _integral(time: FloatArray, values: FloatArray) -> FloatArray:
-    """Integrate from the first time to each, by the trapezoid rule with end correction of the slopes."""
+    """Integrate values from the first time to each time by the trapezoid rule, corrected by the slopes at the ends."""
     step = np.diff(time)[:, None, None]
     slope = np.gradient(values, time, axis=0)
     parts = 0.5 * step * (values[1:] + values[:-1]) - step**2 / 12.0 * (slope[1:] - slope[:-1])
@@ -314,10 +312,10 @@ def _noise(windows: Windows, i: int, at: np.ndarray, model: ErrorModel) -> Float
     gravity = float(gravity_n(windows.lla[i, 0], windows.lla[i, 2])[2])
     for axis in range(3):
         reference = np.concatenate([windows.reference_sd[i, at, axis], windows.reference_sd[i, at, 3 + axis]]) ** 2
-        turning = float(model.noise[:3].mean()) if axis < 2 else 0.0
-        own = about_the_curve(windows.elapsed[i, at], reference, 0.0, float(model.noise[3:6].mean()), turning, gravity)
+        gyro = float(model.noise[:3].mean()) if axis < 2 else 0.0
+        block = about_the_curve(windows.elapsed[i, at], reference, 0.0, float(model.noise[3:6].mean()), gyro, gravity)
         rows = np.concatenate([np.arange(k) + axis * k, np.arange(k) + (3 + axis) * k])
-        total[np.ix_(rows, rows)] = own
+        total[np.ix_(rows, rows)] = block
     return total
 
 
@@ -350,8 +348,8 @@ class AxisDiagnosis:
     """Diagnosis of one axis."""
 
     axis: str  # ``north`` or ``east``
-    causes: tuple[Cause, ...]  # velocity, acceleration, drift
-    curves: tuple[Curve, ...]  # one per window
+    causes: tuple[Cause, ...]  # velocity error, acceleration error and gyro drift
+    curves: tuple[Curve, ...]  # growth curves, one per window
     terms: dict[str, int]  # number of windows by their required terms
     leading: int  # index of the largest contribution in `CAUSES`
 
@@ -360,20 +358,20 @@ class AxisDiagnosis:
 class Diagnosis:
     """Diagnosis of both axes."""
 
-    axes: tuple[AxisDiagnosis, ...]  # North, then East
+    axes: tuple[AxisDiagnosis, ...]  # diagnosis of North, then of East
     gravity: float  # converts acceleration to tilt and jerk to drift [m/s^2]
     windows: Windows  # the windows used, in the order of the curves
-    rough: int  # number of windows whose error is no cubic: reference or sensors jump
-    # all windows are stationary or straight, where tilt and bias are not separable. If false, there were too few and
-    # all windows were used, although sensor errors follow no curve in turns
+    rough: int  # number of windows whose error follows no curve, as reference or sensors jump
+    # True if only stationary and straight windows are used, where tilt and bias are not separable. False if these are
+    # too few: then all windows are used, although errors follow no curve in turns
     steady: bool
 
 
 def diagnose(windows: Windows, model: ErrorModel) -> Diagnosis:
-    """Fit every window without turns, or all if these are too few, and summarise."""
-    calm = windows.motion != "turning"
-    steady = effective_count(windows.start[calm], windows.length) >= FEWEST
-    windows = windows.only(calm) if steady else windows
+    """Fit curves to all windows without turns, or to all windows if these are too few, and summarise their causes."""
+    without_turn = windows.motion != "turning"
+    steady = effective_count(windows.start[without_turn], windows.length) >= FEWEST
+    windows = windows.only(without_turn) if steady else windows
     gravity = float(np.mean([gravity_n(lla[0], lla[2])[2] for lla in windows.lla]))
     curves = [[_fitted(windows, i, axis, model, gravity) for i in range(windows.count)] for axis in (0, 1)]
     smooth = np.array([not (a.roughness > ROUGH or b.roughness > ROUGH) for a, b in zip(*curves, strict=True)])
@@ -381,18 +379,18 @@ def diagnose(windows: Windows, model: ErrorModel) -> Diagnosis:
         smooth[:] = True
     windows = windows.only(smooth)
     # covariance of velocity, acceleration and jerk (n, 2, 3, 3) from the filter's covariance at each start
-    shown = map(growth_by_start_error, windows.q_nb[:, 0], windows.lla)
-    starts = zip(shown, windows.start_covariance, strict=True)
-    predicted = np.array([shows @ start @ np.swapaxes(shows, 1, 2) for shows, start in starts])
+    responses = map(growth_by_start_error, windows.q_nb[:, 0], windows.lla)
+    starts = zip(responses, windows.start_covariance, strict=True)
+    predicted = np.array([response @ start @ np.swapaxes(response, 1, 2) for response, start in starts])
     C_nb = dcm_from_quat(windows.q_nb[:, 0])
-    found = []
+    axes = []
     for axis, name in enumerate(AXES):
-        # North tilts about East, and East about North
+        # a gyro error about East affects North, and about North East
         accel, gyro = C_nb[:, axis] * model.sd[3:6], C_nb[:, 1 - axis] * model.sd[:3]
         spec = np.array([np.nan, rms(np.linalg.norm(accel, axis=-1)), rms(np.linalg.norm(gyro, axis=-1))])
         kept = [curve for curve, keep in zip(curves[axis], smooth, strict=True) if keep]
-        found.append(_axis(name, kept, predicted[:, axis], spec, windows, gravity))
-    return Diagnosis(tuple(found), gravity, windows, int((~smooth).sum()), steady)
+        axes.append(_axis(name, kept, predicted[:, axis], spec, windows, gravity))
+    return Diagnosis(tuple(axes), gravity, windows, int((~smooth).sum()), steady)
 
 
 def _fitted(windows: Windows, i: int, axis: int, model: ErrorModel, gravity: float) -> Curve:
@@ -411,10 +409,10 @@ def _axis(
     fit = np.array([curve.sd for curve in curves])
     stated = np.sqrt(np.einsum("nii->ni", predicted))
     count = effective_count(windows.start, windows.length)
-    part = np.mean((value * position_terms(windows.elapsed[:, -1])) ** 2, axis=0)
-    units = np.array([1.0, 1.0, 1.0 / gravity])  # from jerk to drift
-    draws = 1.0 if windows.uncalibrated else max(count, 1.0)  # turn-on errors are common to all windows
-    limit = float(chi_square(draws, 0.5 + 0.5 * CONFIDENCE) / draws)
+    contribution = np.mean((value * position_terms(windows.elapsed[:, -1])) ** 2, axis=0)
+    units = np.array([1.0, 1.0, 1.0 / gravity])  # a jerk over gravity is a gyro drift
+    samples = 1.0 if windows.uncalibrated else max(count, 1.0)  # turn-on errors are common to all windows
+    limit = float(chi_square(samples, 0.5 + 0.5 * CONFIDENCE) / samples)
     causes = []
     for k in range(3):
         square, noise = float(np.mean(value[:, k] ** 2)), float(np.mean(fit[:, k] ** 2))
@@ -426,11 +424,11 @@ def _axis(
                 float(np.sqrt(noise)) * units[k],
                 rms(stated[:, k]) * units[k],
                 float(spec_sd[k]),
-                float(part[k] / part.sum()) if part.sum() > 0.0 else np.nan,
+                float(contribution[k] / contribution.sum()) if contribution.sum() > 0.0 else np.nan,
                 float(np.mean(value[:, k] ** 2 / (fit[:, k] ** 2 + stated[:, k] ** 2))),
                 limit,
             )
         )
     terms = dict(Counter(" + ".join(curve.terms) for curve in curves))
     assert len(TERMS) == len(causes)
-    return AxisDiagnosis(name, tuple(causes), tuple(curves), terms, int(np.argmax(part)))
+    return AxisDiagnosis(name, tuple(causes), tuple(curves), terms, int(np.argmax(contribution)))

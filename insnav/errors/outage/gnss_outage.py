@@ -1,11 +1,11 @@
-"""GNSS outage test: windows of a drive navigated without its fixes, and the error growth in windows.
+"""GNSS outage test: windows of a drive navigated without fixes, and their error growth.
 
 Every window continues from the filter's state at its first epoch, after all earlier fixes and without fixes inside;
-other aiding continues. Later fixes return for a while, so that the smoother has both ends.
+other aiding continues. Fixes return for a while after the window, so that the smoother has fixes on both sides.
 
 The growth has RMS, 95 % and largest error with intervals, and predicted errors. Measured errors are differences to a
-reference and include its variance: this applies to RMS, quantiles and largest errors. Only `Growth.corrected` excludes
-it. A nonpositive result means an error below the reference noise: unknown, not zero.
+reference and include its variance: this applies to RMS, quantiles and largest errors. Only `Growth.corrected` subtracts
+the variance. If nothing remains, the error is below the reference noise: unknown, not zero.
 """
 
 from __future__ import annotations
@@ -37,8 +37,8 @@ if TYPE_CHECKING:
 
 COMPONENTS = ("north", "east", "down", "along", "cross", "horizontal")
 OUTAGE_COMPONENTS = ("horizontal", "vertical", "velocity", "heading", "smoothed horizontal", "smoothed vertical")
-_STEP = 10.0  # of the times of the tables, for windows up to a minute [s]
-_ROWS = 6  # times in the table of longer windows
+_STEP = 10.0  # interval of the times in tables, for windows up to a minute [s]
+_ROWS = 6  # number of times in the table of longer windows
 _SHARED = 0.25  # least reported share of the mean square common to all windows [-]
 
 
@@ -46,7 +46,7 @@ _SHARED = 0.25  # least reported share of the mean square common to all windows 
 class Growth:
     """Error statistics of windows of one length at some times since their start, in SI units and radians."""
 
-    times: FloatArray  # (k,) [s]
+    times: FloatArray  # (k,) times since the start of a window [s]
     components: tuple[str, ...]  # names of the columns: `COMPONENTS` or `OUTAGE_COMPONENTS`
     count: int  # number of windows
     known: IntArray  # (k, q) number of windows with known error
@@ -56,12 +56,11 @@ class Growth:
     corrected: FloatArray
     reference: FloatArray  # (k, q) RMS standard deviation of the reference
     # (k, q) 95 % confidence interval of `corrected`; errors common to all windows count as one sample. ``NaN`` for a
-    # too small effective sample size, zero where it includes the reference noise
+    # too small effective sample size, zero where the interval reaches below the reference noise
     low: FloatArray
     high: FloatArray
-    # (k, q) 95 % quantile and maximum of the absolute error, including reference errors
-    p95: FloatArray
-    largest: FloatArray
+    p95: FloatArray  # (k, q) 95 % quantile of the absolute error, including reference errors
+    largest: FloatArray  # (k, q) maximum of the absolute error, including reference errors
     predicted: FloatArray  # (k, q) RMS predicted standard deviation
     # (k, q) share of errors within 3 sd of prediction plus reference [-]; for several axes their mean
     inside: FloatArray
@@ -92,7 +91,7 @@ class Growth:
 
 
 def table_times(windows: Windows) -> FloatArray:
-    """Return the times of the tables: 10, 20, …, 60 s, or six times of longer windows."""
+    """Return the times of the tables: 10, 20, …, 60 s, or at most six times in longer windows."""
     step = _STEP if windows.length <= _ROWS * _STEP else _STEP * np.ceil(windows.length / (_ROWS * _STEP))
     times: FloatArray = np.arange(step, windows.length + 1e-6, step)
     return times if len(times) else windows.grid[-1:]
@@ -106,8 +105,8 @@ def columns_at(windows: Windows, times: FloatArray) -> IntArray:
 def components(windows: Windows) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Compute errors, predicted and reference variances on every axis, and along and across the track.
 
-    Returns: `error`, `variance`, `reference` (n, k, 6): `COMPONENTS`. For the horizontal error its size, and the sum of
-    the variances of both axes.
+    Returns: `error`, `variance`, `reference` (n, k, 6): `COMPONENTS`. The horizontal error is a length; its variances
+    are sums over both axes.
     """
     c, s = np.cos(windows.course), np.sin(windows.course)
     north, east, down = np.moveaxis(windows.error[:, :, :3], -1, 0)
@@ -122,21 +121,21 @@ def components(windows: Windows) -> tuple[FloatArray, FloatArray, FloatArray]:
 
 def growth(windows: Windows, times: FloatArray | None = None) -> Growth:
     """Summarise free-inertial windows at some times. `times` (k,) [s]; by default from `table_times`."""
-    at = columns_at(windows, table_times(windows) if times is None else times)
-    error, variance, reference = (values[:, at] for values in components(windows))
+    columns = columns_at(windows, table_times(windows) if times is None else times)
+    error, variance, reference = (values[:, columns] for values in components(windows))
     inside = (error**2 <= 9.0 * (variance + reference)).astype(np.float64)
     inside[..., 5] = inside[..., :2].mean(axis=-1)
     axes = [error[..., [i]] for i in range(5)] + [error[..., :2]]
-    # turn-on errors belong to one sensor, even if changing headings average them out
+    # turn-on errors of one sensor are common to all windows, even if changing headings average them out
     shared = 1.0 if windows.uncalibrated else 0.0
     return _summed(
-        windows.grid[at], COMPONENTS, windows.start, windows.length, axes, variance, reference, inside, shared
+        windows.grid[columns], COMPONENTS, windows.start, windows.length, axes, variance, reference, inside, shared
     )
 
 
 def outage_growth(windows: Sequence[Outage]) -> list[Growth]:
-    """Summarise GNSS outages at their end, by length; smoothed errors at their predicted maximum."""
-    found = []
+    """Summarise outages of each length: errors at the end, and smoothed errors where their predicted sd is largest."""
+    growths = []
     for length in sorted({window.length for window in windows}):
         chosen = [window for window in windows if window.length == length]
         vectors = [np.stack(each) for each in zip(*(_vectors(window) for window in chosen), strict=True)]
@@ -148,8 +147,8 @@ def outage_growth(windows: Sequence[Outage]) -> list[Growth]:
             inside[:, 0, column] = np.mean(np.abs(error) <= 3.0 * np.hypot(sd, reference_sd), axis=1)
         axes = [vector[:, None, 0] for vector in vectors]
         start = np.array([window.start for window in chosen])
-        found.append(_summed(np.array([length]), OUTAGE_COMPONENTS, start, length, axes, variance, reference, inside))
-    return found
+        growths.append(_summed(np.array([length]), OUTAGE_COMPONENTS, start, length, axes, variance, reference, inside))
+    return growths
 
 
 def common_error(found: Growth) -> tuple[Finding, ...]:
@@ -165,31 +164,31 @@ def horizontal_at(windows: Sequence[Outage], times: Sequence[float], near: float
     `times`: since their start [s]. `near`: largest distance of such an epoch [s].
     Returns: `error`, `sd` (n, k) [m]; ``NaN`` without an epoch.
     """
-    found = np.full((2, len(windows), len(times)), np.nan)
+    result = np.full((2, len(windows), len(times)), np.nan)
     for row, window in enumerate(windows):
         for column, wanted in enumerate(times):
-            at = int(np.argmin(np.abs(window.elapsed - wanted)))
-            if abs(window.elapsed[at] - wanted) < near:
-                found[:, row, column] = np.hypot(*window.error[at, :2]), np.hypot(*window.sd[at, :2])
-    return found[0], found[1]
+            epoch = int(np.argmin(np.abs(window.elapsed - wanted)))
+            if abs(window.elapsed[epoch] - wanted) < near:
+                result[:, row, column] = np.hypot(*window.error[epoch, :2]), np.hypot(*window.sd[epoch, :2])
+    return result[0], result[1]
 
 
 def by_motion(windows: Windows, times: FloatArray | None = None) -> dict[str, Growth | None]:
     """Compute `growth` of stationary, straight and turning windows; None without such windows."""
-    found: dict[str, Growth | None] = {}
+    growths: dict[str, Growth | None] = {}
     for motion in free_inertial.MOTIONS:
         chosen = windows.motion == motion
-        found[motion] = growth(windows.only(chosen), times) if chosen.any() else None
-    return found
+        growths[motion] = growth(windows.only(chosen), times) if chosen.any() else None
+    return growths
 
 
 def _vectors(window: Outage) -> list[FloatArray]:
     """Return error, sd and reference sd, (3, axes), of each of `OUTAGE_COMPONENTS`."""
     end = np.stack([window.error[-1], window.sd[-1], window.reference_sd[-1]])
     heading = np.array([[window.heading[-1]], [window.heading_sd[-1]], [0.0]])
-    # the predicted maximum, independent of reference noise
-    at = int(np.argmax(np.hypot(window.smoothed_sd[:, 0], window.smoothed_sd[:, 1])))
-    smoothed = np.stack([window.smoothed[at], window.smoothed_sd[at], window.reference_sd[at]])
+    # epoch of the largest predicted sd, a choice that does not depend on reference noise
+    row = int(np.argmax(np.hypot(window.smoothed_sd[:, 0], window.smoothed_sd[:, 1])))
+    smoothed = np.stack([window.smoothed[row], window.smoothed_sd[row], window.reference_sd[row]])
     return [end[:, :2], end[:, 2:3], end[:, 3:], heading, smoothed[:, :2], smoothed[:, 2:3]]
 
 
@@ -209,29 +208,30 @@ def _summed(
     `shared`: known least share of the mean square common to all windows.
     """
     size = np.stack([np.linalg.norm(each, axis=-1) for each in error], axis=-1)
-    known, once = np.isfinite(size), np.ones((1, len(start)))
+    known, ones = np.isfinite(size), np.ones((1, len(start)))
     effective = effective_count(start, length)
 
     def mean(values: FloatArray | BoolArray) -> FloatArray:
-        return np.asarray(means(np.where(known, values, np.nan), once)[0])
+        return np.asarray(means(np.where(known, values, np.nan), ones)[0])
 
-    square, taken_off = mean(size**2), mean(reference)
+    square, reference_square = mean(size**2), mean(reference)
     # degrees of freedom of a squared error, below the number of axes if one dominates (Satterthwaite 1946)
-    per_axis = [means(each**2, once)[0] for each in error]
+    per_axis = [means(each**2, ones)[0] for each in error]
     axes = np.stack([each.sum(axis=-1) ** 2 / np.maximum((each**2).sum(axis=-1), 1e-300) for each in per_axis], -1)
-    middle = [(means(each, once)[0] ** 2).sum(axis=-1) for each in error]
+    # share of the mean square that the mean error explains beyond chance: an error common to all windows
+    common_square = [(means(each, ones)[0] ** 2).sum(axis=-1) for each in error]
     if "along" in names:
-        at = [names.index(each) for each in ("horizontal", "along", "cross")]
-        middle[at[0]] = np.maximum(middle[at[0]], middle[at[1]] + middle[at[2]])
+        col = [names.index(each) for each in ("horizontal", "along", "cross")]
+        common_square[col[0]] = np.maximum(common_square[col[0]], common_square[col[1]] + common_square[col[2]])
     with np.errstate(divide="ignore", invalid="ignore"):
-        beyond = (np.stack(middle, axis=-1) - square / effective) / max(1.0 - 1.0 / effective, 1e-9) / square
-    common = np.clip(np.where(effective > 1.0, beyond, np.nan), 0.0, 1.0)
+        share = (np.stack(common_square, axis=-1) - square / effective) / max(1.0 - 1.0 / effective, 1e-9) / square
+    common = np.clip(np.where(effective > 1.0, share, np.nan), 0.0, 1.0)
     low, high = (
-        each - taken_off for each in mean_square_interval(start, length, size**2, axes, np.fmax(common, shared))
+        each - reference_square for each in mean_square_interval(start, length, size**2, axes, np.fmax(common, shared))
     )
-    left = square - taken_off
+    remaining = square - reference_square
     with np.errstate(divide="ignore", invalid="ignore"):
-        rms = np.sqrt(square), np.sqrt(np.where(left > 0.0, left, np.nan)), np.sqrt(taken_off)
+        rms = np.sqrt(square), np.sqrt(np.where(remaining > 0.0, remaining, np.nan)), np.sqrt(reference_square)
         ends = np.sqrt(np.maximum(low, 0.0)), np.sqrt(np.maximum(high, 0.0))
         extremes = _quantile(size, 0.95), _quantile(size, 1.0)
         predicted, count = np.sqrt(mean(variance)), known.sum(axis=0)
@@ -246,15 +246,15 @@ def _quantile(values: FloatArray, share: float) -> FloatArray:
     return np.asarray(np.where(none, np.nan, np.nanquantile(np.where(none, 0.0, values), share, axis=0)))
 
 
-_MEAN_SIZE = np.sqrt(2.0 / np.pi)  # of a normal number with unit standard deviation
-_ONE_SENSOR = 1.7  # effective number of turn-on errors of two level axes, unequal as they are (201 simulated drives)
+_MEAN_SIZE = np.sqrt(2.0 / np.pi)  # mean absolute value of a standard normal number
+_ONE_SENSOR = 1.7  # effective number of independent turn-on errors of two level axes (201 simulated drives)
 
 
 @dataclass(frozen=True, slots=True)
 class Regression:
     """Regression of recorded error sizes on predicted standard deviations."""
 
-    slope: float  # one if the prediction is right, two if errors are twice as large
+    slope: float  # one if the prediction is right, two if errors are twice as large as predicted
     # 95 % confidence interval: the wider of block bootstrap and chi-square. Chi-square counts two axes per independent
     # window, and one window if all share turn-on errors. ``NaN``: the effective sample size is too small
     low: float
@@ -273,8 +273,8 @@ def regression(windows: Windows) -> Regression:
 
     The points are weighted by the inverse of their predicted variance, as the scatter grows with the size.
     """
-    at = columns_at(windows, table_times(windows))
-    error, variance, reference = (values[:, at, :2] for values in components(windows))
+    columns = columns_at(windows, table_times(windows))
+    error, variance, reference = (values[:, columns, :2] for values in components(windows))
     predicted = np.sqrt(variance + reference)
     recorded = np.abs(error) / _MEAN_SIZE
 
@@ -285,16 +285,16 @@ def regression(windows: Windows) -> Regression:
         return np.asarray((weights @ total) / (weights @ count))
 
     low, high = interval(windows.start, windows.length, slope)
-    found = float(np.mean(ratio[known]))
+    estimate = float(np.mean(ratio[known]))
     freedom = _ONE_SENSOR if windows.uncalibrated else 2.0 * effective_count(windows.start, windows.length)
     ends = (chi_square(freedom, 0.5 + sign * 0.5 * CONFIDENCE) for sign in (1.0, -1.0))
-    narrow, wide = (found * np.sqrt(freedom / end) for end in ends)
+    narrow, wide = (estimate * np.sqrt(freedom / end) for end in ends)
     low, high = np.minimum(low, narrow), np.maximum(high, wide)
     x, y = predicted[known], recorded[known]
-    left = float(np.sum((y - found * x) ** 2 / x**2))
+    residual = float(np.sum((y - estimate * x) ** 2 / x**2))
     mean = float(np.sum(y / x**2) / np.sum(1.0 / x**2))
-    about = float(np.sum((y - mean) ** 2 / x**2))
-    return Regression(found, float(low), float(high), 1.0 - left / about if about > 0.0 else np.nan, x, y)
+    scatter = float(np.sum((y - mean) ** 2 / x**2))
+    return Regression(estimate, float(low), float(high), 1.0 - residual / scatter if scatter > 0.0 else np.nan, x, y)
 
 
 RECOVERY = 60.0  # time after the window with fixes for the smoother [s]
@@ -314,10 +314,10 @@ def outages(
 ) -> list[Outage]:
     """Simulate GNSS outages throughout a drive.
 
-    `lengths`: lengths of the windows [s]. `first`: start of the first window, after the start of navigation [s]; by
-    default a minute, or less if the drive is short. `spacing`: between starts of windows of one length [s]; by default
-    about sixty fit. Windows overlap if it is less than their length: each continues from the filter with all earlier
-    fixes. `reference`: better antenna positions for the comparison, or a function of the final lever arm (3,) [m]; by
+    `lengths`: window lengths [s]. `first`: time from the start of navigation to the first window [s]; by default a
+    minute, or less if the drive is short. `spacing`: interval between starts of windows of one length [s]; by default
+    about sixty windows fit. Windows may overlap, as each continues from the filter's state after all earlier fixes.
+    `reference`: better antenna positions for the comparison, or a function of the final lever arm (3,) [m]; by
     default the removed fixes.
     Raises: ConfigError: lengths or spacing not above zero. InputError: the drive is too short for any window.
     """
@@ -330,7 +330,7 @@ def outages(
     rows = free_inertial.window_starts(
         fixes, begin, end, lengths[0], first=first, spacing=spacing, rule="quarter of drive"
     )
-    share = 0.3  # share of the drive itself in the work
+    share = 0.3  # share of the computing time for the drive itself
     drive = free_inertial.navigated_drive(ready, ready.gps.time[rows], share_of(progress, 0.0, share))
     assert drive.run.smoothed is not None
     if callable(reference):
@@ -343,7 +343,7 @@ def outages(
         for state in drive.states
         if state.time + length <= min(end, ready.unbroken_until(state.time)) + 1e-6
     ]
-    # input of a window for its process
+    # a worker process receives only the samples of its window
     jobs = [(free_inertial.part_of(ready, state, length + RECOVERY), state, length) for state, length in tasks]
     results = every(_window, jobs, workers, (reference, course), share_of(progress, share, 1.0 - share))
     return [window for window in results if window is not None and window.elapsed.size]
@@ -360,23 +360,23 @@ def _window(
     inside = (gps.time > start + 1e-6) & (gps.time <= stop + 1e-6)
     if not inside.any():
         return None
-    # minimal output: only the epochs count
+    # minimal solution output, as only the epochs are used
     navigator = Navigator(replace(ready, gps=gps, output=Output(1.0)), state)
-    found = feed(navigator, ready.imu).history().smooth()
-    at = np.searchsorted(found.time, gps.time[inside] - delay - 1e-6)
-    at = at[at < found.time.shape[0]]
-    values = found.innovations[at]
-    reference_sd = np.column_stack([gps.position_sd[inside], gps.velocity_sd[inside]])[: at.shape[0]]
-    elapsed = found.time[at] - state.time
+    history = feed(navigator, ready.imu).history().smooth()
+    rows = np.searchsorted(history.time, gps.time[inside] - delay - 1e-6)
+    rows = rows[rows < history.time.shape[0]]
+    values = history.innovations[rows]
+    reference_sd = np.column_stack([gps.position_sd[inside], gps.velocity_sd[inside]])[: rows.shape[0]]
+    elapsed = history.time[rows] - state.time
     filtered = values[:, :6], np.sqrt(np.maximum(values[:, 6:12], 0.0))
     smoothed = values[:, 12:18], np.sqrt(np.maximum(values[:, 18:24], 0.0))
-    heading = wrap_pi(rph_from_quat(found.state[at, 6:])[:, 2] - np.interp(found.time[at], *course.T))
-    speed = float(np.mean(np.linalg.norm(found.state[at, 3:6], axis=1)))
+    heading = wrap_pi(rph_from_quat(history.state[rows, 6:])[:, 2] - np.interp(history.time[rows], *course.T))
+    speed = float(np.mean(np.linalg.norm(history.state[rows, 3:6], axis=1)))
     return Outage(start, length, elapsed, *filtered, *smoothed, reference_sd, heading, np.sqrt(values[:, 24]), speed)
 
 
 def _fixes(gps: GpsData, reference: GpsData | None, start: float, stop: float, end: float) -> GpsData:
-    """Select fixes from `start` to `end`; until `stop` for comparison only, from the reference if available."""
+    """Select the fixes from `stop` to `end`, and before `stop` fixes or reference epochs for comparison only."""
     later = (gps.time > start + 1e-6) & (gps.time <= end)
     inside = later & (gps.time <= stop + 1e-6)
     if reference is None:
@@ -386,13 +386,13 @@ def _fixes(gps: GpsData, reference: GpsData | None, start: float, stop: float, e
         chosen = (time > start + 1e-6) & (time <= stop + 1e-6)
         step = float(np.median(np.diff(time))) if time.shape[0] > 1 else _COMPARED
         stride = max(1, round(_COMPARED / step))
-        # counted back from the end of the window, the most important epoch
+        # rows are counted back from the end of the window, so that its last epoch is kept
         chosen &= (np.arange(time.shape[0]) - int(np.searchsorted(time, stop + 1e-6)) + 1) % stride == 0
         compared = reference.rows(chosen)
     after = gps.rows(later & ~inside)
     if after.fix is None:
         after = replace(after, fix=np.ones(after.time.shape[0], dtype=np.int64))
-    # receiver headings are removed and returned with the fixes
+    # receiver headings are missing in the window, and return with the fixes
     unknown = None if gps.heading is None else np.full(compared.time.shape[0], np.nan)
     kind = 0 if reference is None else OF_REFERENCE
     return replace(free_inertial.comparison_only(compared, kind), heading=unknown).joined(after)
@@ -402,10 +402,10 @@ def _fixes(gps: GpsData, reference: GpsData | None, start: float, stop: float, e
 class OutageStudy:
     """Outage windows, and the run with all fixes."""
 
-    windows: tuple[Outage, ...]  # in order of length, then of time
-    growth: tuple[Growth, ...]  # their error statistics by length
+    windows: tuple[Outage, ...]  # outages in order of length, then of time
+    growth: tuple[Growth, ...]  # error statistics of the windows of each length
     reference: str  # description of the reference
-    run: EvaluatedRun | None = None  # None if read from a folder ...
+    run: EvaluatedRun | None = None  # None if read from a folder
 
 
 @dataclass(frozen=True, slots=True)
@@ -426,19 +426,17 @@ class OutageEpochs(Tabular):
         "speed": ("speed_m_s",),
     }
 
-    start: FloatArray  # (m,) [s]
-    length: FloatArray  # (m,) [s]
-    elapsed: FloatArray  # (m,) [s]
-    # (m, 6) [m], [m/s]
-    error: FloatArray
-    sd: FloatArray
-    smoothed: FloatArray
-    smoothed_sd: FloatArray
-    reference_sd: FloatArray
-    # (m,) [rad]
-    heading: FloatArray
-    heading_sd: FloatArray
-    speed: FloatArray  # (m,) [m/s]
+    start: FloatArray  # (m,) start of the window [s]
+    length: FloatArray  # (m,) length of the window [s]
+    elapsed: FloatArray  # (m,) time since the start [s]
+    error: FloatArray  # (m, 6) error of the filter: position [m], velocity [m/s]
+    sd: FloatArray  # (m, 6) sd of the filter [m], [m/s]
+    smoothed: FloatArray  # (m, 6) error of the smoother [m], [m/s]
+    smoothed_sd: FloatArray  # (m, 6) sd of the smoother [m], [m/s]
+    reference_sd: FloatArray  # (m, 6) sd of the reference [m], [m/s]
+    heading: FloatArray  # (m,) heading error [rad]
+    heading_sd: FloatArray  # (m,) sd of the heading [rad]
+    speed: FloatArray  # (m,) mean speed in the window [m/s]
 
     @classmethod
     def of(cls, windows: Sequence[Outage]) -> OutageEpochs:
@@ -453,9 +451,9 @@ class OutageEpochs(Tabular):
         """Return the windows in their order."""
         begins = np.flatnonzero((np.diff(self.start) != 0.0) | (np.diff(self.length) != 0.0)) + 1
         edges = [0, *begins.tolist(), len(self.start)]
-        found = []
+        result = []
         for first, last in pairwise(edges):
             part: dict[str, Any] = {name: getattr(self, name)[first:last] for name in self.COLUMNS}
-            once: dict[str, Any] = {name: float(part.pop(name)[0]) for name in ("start", "length", "speed")}
-            found.append(Outage(**part, **once))
-        return tuple(found)
+            scalars: dict[str, Any] = {name: float(part.pop(name)[0]) for name in ("start", "length", "speed")}
+            result.append(Outage(**part, **scalars))
+        return tuple(result)

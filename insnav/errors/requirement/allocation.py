@@ -35,7 +35,7 @@ FAMILIES = (*(term.family for sensor in SENSORS for term in terms_of(sensor) if 
 
 @dataclass(frozen=True, slots=True)
 class Requirement:
-    """Requirement: the error is within the limit with this probability."""
+    """Requirement that a position error is within a limit with a given probability."""
 
     error: float  # limit of the position error [m]
     after: float  # time without aiding [s]
@@ -59,12 +59,12 @@ class Requirement:
         return COMPONENTS[self.component]
 
     def size(self, covariance: FloatArray) -> float:
-        """Compute the error at the required probability, of a covariance ``(9, 9)`` or ``(3, 3)`` [m]."""
+        """Compute the error limit of a covariance ``(9, 9)`` or ``(3, 3)`` at the required probability [m]."""
         chosen = np.asarray(covariance)[np.ix_(self.axes, self.axes)]
         return length_quantile(np.linalg.eigvalsh(chosen).astype(np.float64), self.probability)
 
     def sizes(self, covariances: FloatArray) -> FloatArray:
-        """Compute `size` of many covariances ``(..., n, n)``, by a table accurate to 1e-3."""
+        """Compute `size` for many covariances ``(..., n, n)`` by a table, accurate to 1e-3."""
         chosen = np.asarray(covariances)[..., self.axes, :][..., :, self.axes]
         variances = np.maximum(np.linalg.eigvalsh(chosen)[..., ::-1], 0.0)
         sd = np.sqrt(np.maximum(variances, 1e-300))
@@ -72,8 +72,8 @@ class Requirement:
             return np.asarray(sd[..., 0] * length_quantile(np.ones(1), self.probability))
         grid, table = _table(len(self.axes), self.probability)
         ratios = sd[..., 1:] / sd[..., :1]
-        found = RegularGridInterpolator((grid,) * (len(self.axes) - 1), table, method="linear")(ratios)
-        return np.asarray(sd[..., 0] * found)
+        quantile = RegularGridInterpolator((grid,) * (len(self.axes) - 1), table, method="linear")(ratios)
+        return np.asarray(sd[..., 0] * quantile)
 
     @property
     def text(self) -> str:
@@ -87,8 +87,8 @@ class Requirement:
 def length_probability(variances: FloatArray, length: float) -> float:
     """Compute the probability that a Gaussian vector is not longer than `length`.
 
-    `variances` (n,): along its principal axes, n up to 3. They are integrated in turn, ``P(l_1 z_1^2 + ... <= r^2)``,
-    by Gauss-Legendre nodes in the angle t of ``z = z_max sin t``.
+    `variances` (n,): along its principal axes, n up to 3. The axes are integrated in turn, ``P(l_1 z_1^2 + ... <=
+    r^2)``, by Gauss-Legendre nodes in the angle t of ``z = z_max sin t``.
     """
     kept = np.sort(variances[variances > 1e-14 * max(float(np.max(variances)), 1e-300)])[::-1]
     return float(_inside(kept, np.array([length**2]))[0]) if len(kept) else 1.0
@@ -107,7 +107,7 @@ def _inside(variances: FloatArray, squares: FloatArray) -> FloatArray:
 
 
 def length_quantile(variances: FloatArray, probability: float) -> float:
-    """Compute the length of a Gaussian vector at a probability; zero without spread.
+    """Compute the length that a Gaussian vector does not exceed with a probability; zero for zero variances.
 
     `variances` (n,): along its principal axes, n up to 3.
     """
@@ -118,17 +118,17 @@ def length_quantile(variances: FloatArray, probability: float) -> float:
     low, high = (np.sqrt(chi_square(n, probability)) for n in (1, len(scaled)))
     if high - low < 1e-12:
         return float(low * np.sqrt(largest))
-    found = brentq(lambda r: length_probability(scaled, r) - probability, 0.99 * low, 1.01 * high, xtol=1e-10)
-    return float(found * np.sqrt(largest))
+    length = brentq(lambda r: length_probability(scaled, r) - probability, 0.99 * low, 1.01 * high, xtol=1e-10)
+    return float(length * np.sqrt(largest))
 
 
 @functools.cache
 def _table(axes: int, probability: float) -> tuple[FloatArray, FloatArray]:
-    """Tabulate the quantile of the length by ratios of smaller standard deviations to the largest."""
+    """Tabulate the length quantile over the ratios of the smaller standard deviations to the largest, which is one."""
     grid = np.linspace(0.0, 1.0, 33 if axes == 2 else 17)
     ratios = np.stack(np.meshgrid(*(grid,) * (axes - 1), indexing="ij"), axis=-1).reshape(-1, axes - 1)
-    found = [length_quantile(np.append(1.0, ratio**2), probability) for ratio in ratios]
-    return grid, np.array(found).reshape((len(grid),) * (axes - 1))
+    quantiles = [length_quantile(np.append(1.0, ratio**2), probability) for ratio in ratios]
+    return grid, np.array(quantiles).reshape((len(grid),) * (axes - 1))
 
 
 def binomial_interval(count: int, of: int) -> tuple[float, float]:
@@ -149,9 +149,8 @@ class Share:
     # one standard deviation in the set, SI; of the largest axis for a given IMU
     size: float
     part: float  # share of the variance of the set
-    given: bool  # given by the IMU
-    # limited by the linear model: the family has little effect on this motion
-    capped: bool
+    given: bool  # True if the IMU specifies this family
+    capped: bool  # True if the linear model limits the size, as the family has little effect on this motion
 
 
 @dataclass(frozen=True, slots=True)
@@ -159,10 +158,10 @@ class Allocation:
     """Sizes of all errors that together just meet the requirement."""
 
     shares: tuple[Share, ...]
-    spec: ImuSpec  # the set
+    spec: ImuSpec  # IMU with these sizes
     given: float  # error from the given families alone [m]
     error: float  # error of the whole set by the covariance, at the probability [m]
-    feasible: bool  # the given families leave a margin for the others
+    feasible: bool  # True if the given families leave a margin for the others
 
 
 def unit_of(family: str) -> str:
@@ -202,7 +201,7 @@ def last_sample(motion: SampledMotion, after: float) -> int:
 
 
 def largest(family: str, after: float) -> float:
-    """Return the largest size of a family within the linear model, SI."""
+    """Return the largest size of a family for which the linear model is valid, SI."""
     rate = STEEP / after
     caps = {
         "rate": rate,
@@ -243,27 +242,27 @@ def allocate(
         raise ConfigError("require.unknown_family", where="--cost", value=unknown[0], known=tuple(FAMILIES))
     after = required.after
     units = family_covariances(spec_of(dict.fromkeys(FAMILIES, 1.0)), motion, after, hold=hold)
-    own = {} if given is None else family_covariances(given, motion, after, hold=hold)
-    fixed = sum(own.values(), np.zeros((9, 9)))
+    of_given = {} if given is None else family_covariances(given, motion, after, hold=hold)
+    fixed = sum(of_given.values(), np.zeros((9, 9)))
     caps = {name: largest(name, after) for name in FAMILIES}
     alone = {name: required.error / max(required.size(units[name]), 1e-300) for name in FAMILIES}
-    free = [name for name in FAMILIES if name not in own]
-    made = required.size(fixed)
+    free = [name for name in FAMILIES if name not in of_given]
+    error = required.size(fixed)
     sizes, capped = _sizes(
         required, fixed, units, {name: weights[name] ** (1.0 / 3.0) * alone[name] for name in free}, caps
     )
     total = fixed + sum((size**2 * units[name] for name, size in sizes.items()), np.zeros((9, 9)))
     trace = float(sum(total[i, i] for i in required.axes))
     shares = []
-    for name in (*FAMILIES, *(name for name in own if name not in FAMILIES)):
-        covered = own[name] if name in own else sizes[name] ** 2 * units[name]
-        share = float(sum(covered[i, i] for i in required.axes)) / trace if trace > 0.0 else 0.0
+    for name in (*FAMILIES, *(name for name in of_given if name not in FAMILIES)):
+        contribution = of_given[name] if name in of_given else sizes[name] ** 2 * units[name]
+        share = float(sum(contribution[i, i] for i in required.axes)) / trace if trace > 0.0 else 0.0
         size = sizes.get(name, 0.0)
-        if given is not None and name in own:
+        if given is not None and name in of_given:
             size = max(source.sd for source in sources_of(given) if source.family == name)
         limit = alone.get(name, math.inf)
-        shares.append(Share(name, unit_of(name), limit, size, share, name in own, name in capped))
-    return Allocation(tuple(shares), spec_of(sizes, given), made, required.size(total), made < required.error)
+        shares.append(Share(name, unit_of(name), limit, size, share, name in of_given, name in capped))
+    return Allocation(tuple(shares), spec_of(sizes, given), error, required.size(total), error < required.error)
 
 
 def _sizes(
@@ -278,15 +277,15 @@ def _sizes(
         return dict.fromkeys(wanted, 0.0), set()
     capped: set[str] = set()
     while True:
-        open_ = [name for name in wanted if name not in capped]
+        uncapped = [name for name in wanted if name not in capped]
         base = fixed + sum((caps[name] ** 2 * units[name] for name in capped), np.zeros((9, 9)))
-        shape = sum((wanted[name] ** 2 * units[name] for name in open_), np.zeros((9, 9)))
+        shape = sum((wanted[name] ** 2 * units[name] for name in uncapped), np.zeros((9, 9)))
 
         def excess(k: float, base: FloatArray = base, shape: FloatArray = shape) -> float:
             return required.size(base + k * k * shape) - required.error
 
-        k = brentq(excess, 0.0, 2.0, xtol=1e-12) if open_ and excess(0.0) < 0.0 < excess(2.0) else 0.0
-        over = {name for name in open_ if k * wanted[name] > caps[name]}
-        if not over:
+        k = brentq(excess, 0.0, 2.0, xtol=1e-12) if uncapped and excess(0.0) < 0.0 < excess(2.0) else 0.0
+        exceeding = {name for name in uncapped if k * wanted[name] > caps[name]}
+        if not exceeding:
             return {name: caps[name] if name in capped else k * wanted[name] for name in wanted}, capped
-        capped |= over
+        capped |= exceeding

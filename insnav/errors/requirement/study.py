@@ -1,11 +1,11 @@
-"""Study of a requirement on the position error: real IMUs that meet it after GPS ends, improvements for the others.
+"""Study of a requirement on the position error: real IMUs that meet it after GPS ends, and remedies for the others.
 
-Simulated runs verify its solutions. One covariance serves many IMUs on one motion: of a filter with GPS before an
-outage and other aiding in it. It has the full linear error model of the budget, second by second. The propagation in a
-second is common to all IMUs, only the sizes differ. It is a Schmidt filter ("Application of state-space methods to
+Simulated runs verify the allocation. For each IMU, a filter has GPS before an outage and other aiding in it. Its
+covariance follows the full linear error model of the budget, second by second. The propagation in a second is common
+to all IMUs; only the sizes of their errors differ. It is a Schmidt filter ("Application of state-space methods to
 navigation problems", Advances in Control Systems 3 (1966) 293-340): it estimates position, velocity, attitude, biases
 and scale factors. It considers other constant errors of datasheets (misalignment, g-sensitivity) without estimating
-them. Exception: accelerometer misalignment that gravity converts to a bias.
+them. It does estimate accelerometer misalignment that acts as a bias through gravity.
 
 The filter leaves correlated errors, such as a tilt that compensates a bias. Their variances do not add up, and neither
 first-order nor total indices give the share of a single error. The Shapley effect shares the variance among the errors
@@ -40,8 +40,8 @@ from insnav.simulate.truth import Truth
 from insnav.types import FloatArray
 from insnav.units import DEG, PPM, UG
 
-RATE = 20.0  # of the samples of the motion [Hz]
-NAV = 9
+RATE = 20.0  # sampling rate of the motion [Hz]
+NAV = 9  # number of navigation errors: position, velocity, attitude
 # constant errors of gyros and accelerometers: first biases and scale factors, which the filter estimates
 _TERMS = sorted(
     (term for term in TERMS if term.datasheet and term.process == "constant"),
@@ -53,15 +53,15 @@ _UNITS = tuple(Source(term.sensor, term.name, axis, "constant", 1.0) for term in
 BIAS, IN_RUN, SCALE, CONSIDERED = 9, 15, 21, 27
 SENSED = IN_RUN + len(_UNITS)
 ODOMETER, MOUNTING, BAROMETER, STATES = SENSED, SENSED + 1, SENSED + 3, SENSED + 4
-# a misaligned level accelerometer senses a part of gravity: the filter estimates it as bias
+# a misaligned level accelerometer senses a part of gravity, which the filter estimates as bias
 _AS_BIAS = [IN_RUN + k for k, unit in enumerate(_UNITS) if unit.family == "accel misalignment" and unit.axis[1] == "z"]
 _CONSIDERED = np.setdiff1d(np.arange(CONSIDERED, SENSED), _AS_BIAS)
-# assumed GPS before the outage, initial state, and other aiding, one standard deviation
-POSITION_SD, VELOCITY_SD = 0.02, 0.03  # of fixes [m], [m/s]
+# assumed standard deviations of GPS before the outage, of the initial state and of other aiding
+POSITION_SD, VELOCITY_SD = 0.02, 0.03  # horizontal sd of fixes [m], [m/s]
 START_TILT, START_HEADING = 1.0 * DEG, 10.0 * DEG
-NHC_SD, ODOMETER_SD, ZUPT_SD, BAROMETER_SD = 0.05, 0.1, 0.02, 0.3  # [m/s], [m/s], [m/s], [m]
-HEADING_SD = 0.2 * DEG  # of two antennas
-_MOUNTING_SD, _ODOMETER_SCALE_SD, _BAROMETER_DRIFT = 1.0 * DEG, 0.02, 0.02  # [m/sqrt(s)]
+NHC_SD, ODOMETER_SD, ZUPT_SD, BAROMETER_SD = 0.05, 0.1, 0.02, 0.3  # sd of aiding: [m/s], [m/s], [m/s], [m]
+HEADING_SD = 0.2 * DEG  # sd of the heading of two antennas
+_MOUNTING_SD, _ODOMETER_SCALE_SD, _BAROMETER_DRIFT = 1.0 * DEG, 0.02, 0.02  # sd [rad], sd [-], [m/sqrt(s)]
 _MOVING, _STANDING = 2.0, 0.01  # speed above which travel has a direction; speed of a stationary vehicle [m/s]
 # groups of initial states
 GROUPS: dict[str, list[int]] = {
@@ -77,16 +77,16 @@ GROUPS: dict[str, list[int]] = {
     "accelerometer misalignment": list(range(33, 39)),
     "g-sensitivity": list(range(39, 48)),
 }
-_RIDGE = 1e-10  # of correlations: permits errors without spread, and linearly dependent errors
-NOISE = "noise of the outage"  # independent of the start
+_RIDGE = 1e-10  # added to the diagonal of correlations: permits zero and linearly dependent errors
+NOISE = "noise of the outage"  # name of the variance share of noise after GPS ends
 Answer = Literal["yes", "likely", "open", "no"]
-LIMITS = (1.0, 10.0, 100.0)  # [m]
+LIMITS = (1.0, 10.0, 100.0)  # error limits whose times are reported [m]
 # errors after a calibration, one standard deviation: assumptions for good benches
-RATE_TABLE = {"scale_factor": 50.0 * PPM, "misalignment": 0.1e-3}  # of gyros
-NINE_POSITION = {"bias": 100.0 * UG, "scale_factor": 50.0 * PPM, "misalignment": 0.1e-3}  # of accelerometers
-STOPS = 10.0  # between zero-velocity updates [s]
-SHORT, LONG = 60.0, 300.0  # GPS before the outage [s]
-LARGER = 1.25  # factor on the set that must fail the requirement
+RATE_TABLE = {"scale_factor": 50.0 * PPM, "misalignment": 0.1e-3}  # gyro errors
+NINE_POSITION = {"bias": 100.0 * UG, "scale_factor": 50.0 * PPM, "misalignment": 0.1e-3}  # accelerometer errors
+STOPS = 10.0  # interval between stops with zero-velocity update [s]
+SHORT, LONG = 60.0, 300.0  # duration of GPS before the outage [s]
+LARGER = 1.25  # a set with all errors larger by this factor must fail the requirement
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,7 +98,7 @@ class Aiding:
     barometer: bool = False
     zupt_every: float = math.inf  # interval of one-second stops in the outage [s]
     dual_antenna: bool = False  # heading of two antennas with the fixes
-    before: float = math.inf  # GPS before the outage [s]; infinite: all available
+    before: float = math.inf  # duration of GPS before the outage [s]; infinite: all available
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,8 +106,8 @@ class Propagation:
     """Error propagation in each second of a motion, and its outages."""
 
     begins: tuple[int, ...]  # seconds in which GPS ends, one per outage
-    length: int  # of every outage [s]
-    by_state: FloatArray  # (k, 9, 48) navigation errors at the end of a second per error at its start
+    length: int  # length of every outage [s]
+    by_state: FloatArray  # (k, 9, 48) navigation errors at the end of a second per unit error at its start
     by_noise: FloatArray  # (k, 6, 9, 9) covariance from unit white noise of gyros and accelerometers
     # attitude (k, 3, 3) and velocity (k, 3) [m/s] at the end of each second
     C_nb: FloatArray
@@ -122,35 +122,35 @@ class Propagation:
 def propagation(truth: Truth, begins: Sequence[float], length: float) -> Propagation:
     """Compute the error propagation in each second of a motion, up to the end of the last outage.
 
-    `begins`: end of GPS after the start of the motion [s], increasing. `length`: of the outages [s].
+    `begins`: times from the start of the motion to the end of GPS [s], increasing. `length`: length of the outages [s].
     """
     seconds = [math.floor(begin) for begin in begins]
-    later = min(math.ceil(length), math.floor(truth.duration + 1e-9) - seconds[-1])
-    motion = sampled(truth, begins[-1] - seconds[-1], seconds[-1] + later, rate=RATE)
-    each = round(RATE)
-    count = len(motion.dt) // each
-    ends = each * (1 + np.arange(count))
+    outage = min(math.ceil(length), math.floor(truth.duration + 1e-9) - seconds[-1])
+    motion = sampled(truth, begins[-1] - seconds[-1], seconds[-1] + outage, rate=RATE)
+    per_second = round(RATE)
+    count = len(motion.dt) // per_second
+    ends = per_second * (1 + np.arange(count))
     steps = steps_of(motion, ends)
-    given = np.stack([integrated(disturbance(source, motion), motion, steps) for source in _UNITS], axis=1)
+    inputs = np.stack([integrated(disturbance(source, motion), motion, steps) for source in _UNITS], axis=1)
     edges = np.searchsorted(steps.edges, np.append(0, ends))
     by_state, by_noise = np.empty((count, NAV, SENSED)), np.empty((count, 6, NAV, NAV))
     first = np.concatenate([np.eye(NAV), np.zeros((len(_UNITS), NAV))])
-    nothing, one, zero = np.zeros((len(first), given.shape[2])), np.ones(6), np.zeros(6)
+    zeros, ones, zero = np.zeros((len(first), inputs.shape[2])), np.ones(6), np.zeros(6)
     for k in range(count):
         part = slice(edges[k], edges[k + 1])
         x, force, dt = steps.state[part], steps.force_n[part], steps.dt[part]
-        inner = np.broadcast_to(nothing, (len(dt), *nothing.shape)).copy()
-        inner[:, NAV:] = given[part]
-        row, found = np.array([len(dt)]), np.empty((1, len(first), NAV))
-        _kernel.sensitivities(x, force, dt, inner, first.copy(), False, row, found)
-        by_state[k, :, :IN_RUN] = found[0, :IN_RUN].T
-        by_state[k, :, IN_RUN:SCALE] = found[0, BIAS:IN_RUN].T
-        by_state[k, :, SCALE:] = found[0, IN_RUN:].T
+        inner = np.broadcast_to(zeros, (len(dt), *zeros.shape)).copy()
+        inner[:, NAV:] = inputs[part]
+        row, response = np.array([len(dt)]), np.empty((1, len(first), NAV))
+        _kernel.sensitivities(x, force, dt, inner, first.copy(), False, row, response)
+        by_state[k, :, :IN_RUN] = response[0, :IN_RUN].T
+        by_state[k, :, IN_RUN:SCALE] = response[0, BIAS:IN_RUN].T
+        by_state[k, :, SCALE:] = response[0, IN_RUN:].T
         noise = np.empty((1, 6, NAV, NAV))
-        six = np.ascontiguousarray(given[part, :6])
-        _kernel.noises(x, force, dt, six, np.arange(6), one, zero, zero, zero, False, row, noise)
+        six = np.ascontiguousarray(inputs[part, :6])
+        _kernel.noises(x, force, dt, six, np.arange(6), ones, zero, zero, zero, False, row, noise)
         by_noise[k] = noise[0]
-    return Propagation(tuple(seconds), later, by_state, by_noise, motion.C_nb[ends - 1], motion.truth.v_n[ends])
+    return Propagation(tuple(seconds), outage, by_state, by_noise, motion.C_nb[ends - 1], motion.truth.v_n[ends])
 
 
 def start_covariance(spec: ImuSpec) -> FloatArray:
@@ -169,11 +169,11 @@ def aided_covariances(
 ) -> tuple[FloatArray, FloatArray]:
     """Run the filter for every IMU, with GPS up to each of the seconds `begins` and without GPS afterwards.
 
-    Returns: (w, b, 52, 52) covariance when GPS ends. (w, b, m, 9, 9) covariance of navigation errors in the outages,
-    starting when GPS ends.
+    Returns: (w, b, 52, 52) covariance when GPS ends, for w outages and b IMUs. (w, b, m, 9, 9) covariance of navigation
+    errors in each second of the outages, starting when GPS ends.
     """
     process = _process(specs)
-    found, at_end = [], []
+    outages, at_end = [], []
     start = np.stack([start_covariance(spec) for spec in specs])
     P, k = start, 0
     for begin in moved.begins:
@@ -188,13 +188,13 @@ def aided_covariances(
         for m in range(1, moved.length + 1):
             Q = _second(moved, Q, begin + m, aiding, process, gps=False, stop=m % aiding.zupt_every == 0)
             through[:, m] = Q[:, :NAV, :NAV]
-        found.append(through)
-    return np.stack(at_end), np.stack(found)
+        outages.append(through)
+    return np.stack(at_end), np.stack(outages)
 
 
 def error_curves(required: Requirement, moved: Propagation, specs: Sequence[ImuSpec], aiding: Aiding) -> FloatArray:
     """Compute the expected error of each IMU in an outage, ``(b, m)`` [m], at the required probability."""
-    # of the mean over the outages: the expected error in any outage
+    # the mean covariance over the outages gives the expected error in any outage
     return required.sizes(np.mean(aided_covariances(moved, specs, aiding)[1], axis=0))
 
 
@@ -215,7 +215,7 @@ def _second(
 
 
 def _process(specs: Sequence[ImuSpec]) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return decay of each state in a second (b, 52), white noise (b, 6), added variance (b, 52)."""
+    """Return the decay factor per second (b, 52), white noise density (b, 6) and added variance per second (b, 52)."""
     keep, drive = np.ones((len(specs), STATES)), np.zeros((len(specs), STATES))
     white = np.stack([noise_of_both(spec, "white") ** 2 for spec in specs])
     for b, spec in enumerate(specs):
@@ -229,6 +229,7 @@ def _process(specs: Sequence[ImuSpec]) -> tuple[FloatArray, FloatArray, FloatArr
 def _predicted(
     P: FloatArray, by_state: FloatArray, by_noise: FloatArray, keep: FloatArray, white: FloatArray, drive: FloatArray
 ) -> FloatArray:
+    # `by_state` propagates the navigation errors from all sensor errors, which decay by `keep`
     top = by_state @ P[:, :SENSED, :]
     out = P * keep[:, :, None] * keep[:, None, :]
     out[:, :NAV, NAV:] = top[:, :, NAV:] * keep[:, None, NAV:]
@@ -240,7 +241,7 @@ def _predicted(
 
 
 def _measured(moved: Propagation, k: int, aiding: Aiding, *, gps: bool, stop: bool) -> tuple[FloatArray, FloatArray]:
-    """Return measurements at the end of second k: matrix ``(m, 52)`` and standard deviations ``(m,)``."""
+    """Return the measurements at the end of second k: measurement matrix ``(m, 52)``, standard deviations ``(m,)``."""
     rows: list[FloatArray] = []
     sd: list[float] = []
 
@@ -260,37 +261,37 @@ def _measured(moved: Propagation, k: int, aiding: Aiding, *, gps: bool, stop: bo
             add(HEADING_SD, (8, 1.0))
     speed = float(np.linalg.norm(v_n))
     if speed > _MOVING:
-        # C_hat = (I - [phi x]) C: the body velocity error is C' (dv + phi x v)
+        # attitude error phi with C_hat = (I - [phi x]) C makes the velocity error in body axes C' (dv + phi x v)
         by_attitude = C_nb.T @ -skew(v_n)
         if aiding.nhc:
             add(NHC_SD, (slice(3, 6), C_nb[:, 1]), (slice(6, 9), by_attitude[1]), (MOUNTING + 1, speed))
             add(NHC_SD, (slice(3, 6), C_nb[:, 2]), (slice(6, 9), by_attitude[2]), (MOUNTING, -speed))
         if aiding.odometer:
             add(ODOMETER_SD, (slice(3, 6), C_nb[:, 0]), (slice(6, 9), by_attitude[0]), (ODOMETER, speed))
-    stands = aiding.nhc and speed < _STANDING and bool(np.any(np.abs(moved.v_n) > _MOVING))
+    stationary = aiding.nhc and speed < _STANDING and bool(np.any(np.abs(moved.v_n) > _MOVING))
     if aiding.barometer:
         add(BAROMETER_SD, (2, 1.0), (BAROMETER, 1.0))
-    if stop or stands:
+    if stop or stationary:
         for axis in range(3):
             add(ZUPT_SD, (3 + axis, 1.0))
     return np.array(rows).reshape(len(rows), STATES), np.array(sd)
 
 
 def _updated(P: FloatArray, H: FloatArray, sd: FloatArray) -> FloatArray:
-    """Update without changing the considered states; the covariance form is valid for any gain."""
+    """Update the covariance without correcting the considered states, by the form that is valid for any gain."""
     HP = H @ P
     S = HP @ H.T + np.diag(sd**2)
     K = np.linalg.solve(S, HP).swapaxes(1, 2).copy()
     K[:, _CONSIDERED] = 0.0
-    taken = K @ HP
-    out = P - taken - taken.swapaxes(1, 2) + K @ S @ K.swapaxes(1, 2)
+    reduction = K @ HP
+    out = P - reduction - reduction.swapaxes(1, 2) + K @ S @ K.swapaxes(1, 2)
     return 0.5 * (out + out.swapaxes(1, 2))
 
 
 def shapley_effects(gain: FloatArray, covariance: FloatArray, groups: Sequence[Sequence[int]]) -> FloatArray:
-    """Share the trace of the variance of ``gain @ x`` among groups of correlated Gaussian inputs x.
+    """Divide the trace of the covariance of ``gain @ x`` among groups of correlated Gaussian inputs x.
 
-    `gain` (m, n). `covariance` (n, n) of x. `groups`: of input numbers, covering all inputs.
+    `gain` (m, n). `covariance` (n, n) of x. `groups`: indices of the inputs of each group, covering all inputs.
     Returns: variance of each group; their sum is the trace.
     """
     count = len(groups)
@@ -298,19 +299,19 @@ def shapley_effects(gain: FloatArray, covariance: FloatArray, groups: Sequence[S
     for subset in range(1, 1 << count):
         inside = [i for k in range(count) if subset >> k & 1 for i in groups[k]]
         across = gain @ covariance[:, inside]
-        own = covariance[np.ix_(inside, inside)]
-        # scaled, as the states have different units
-        size = np.sqrt(np.maximum(np.diag(own), 1e-300))
-        known = own / np.outer(size, size) + _RIDGE * np.eye(len(inside))
-        explained[subset] = np.sum((across / size) * solve(known, (across / size).T, assume_a="pos").T)
+        block = covariance[np.ix_(inside, inside)]
+        # states have different units, so the equations are solved with correlations instead of covariances
+        size = np.sqrt(np.maximum(np.diag(block), 1e-300))
+        correlation = block / np.outer(size, size) + _RIDGE * np.eye(len(inside))
+        explained[subset] = np.sum((across / size) * solve(correlation, (across / size).T, assume_a="pos").T)
     weights = [math.factorial(s) * math.factorial(count - s - 1) / math.factorial(count) for s in range(count)]
-    found = np.zeros(count)
+    effects = np.zeros(count)
     for subset in range(1 << count):
         members = subset.bit_count()
         for k in range(count):
             if not subset >> k & 1:
-                found[k] += weights[members] * (explained[subset | 1 << k] - explained[subset])
-    return found
+                effects[k] += weights[members] * (explained[subset | 1 << k] - explained[subset])
+    return effects
 
 
 def start_shares(
@@ -318,11 +319,11 @@ def start_shares(
 ) -> dict[str, float]:
     """Compute the shares of initial errors and outage noise in the position variance of outages.
 
-    `at_end` (w, 52, 52): covariance when GPS ends. `through` (w, m, 9, 9): of the navigation errors in the outages.
-    `axes`: relevant axes of North, East, Down. `after`: relevant time of the outage [s].
+    `at_end` (w, 52, 52): covariance when GPS ends. `through` (w, m, 9, 9): of navigation errors in the outages.
+    `axes`: relevant axes of North, East, Down. `after`: time since the start of the outage [s].
     """
-    here = np.diagonal(at_end, axis1=1, axis2=2).max(axis=0)
-    present = {name: states for name, states in GROUPS.items() if np.any(here[states] > 0.0)}
+    largest = np.diagonal(at_end, axis1=1, axis2=2).max(axis=0)
+    present = {name: states for name, states in GROUPS.items() if np.any(largest[states] > 0.0)}
     values, total = np.zeros(len(present)), 0.0
     below = np.eye(SENSED)[NAV:]
     for begin, start, errors in zip(moved.begins, at_end, through, strict=True):
@@ -339,8 +340,8 @@ def start_shares(
 class Coasting:
     """Error growth of an IMU after GPS ends."""
 
-    error: float  # at the time of the requirement, at its probability [m]
-    least: float  # lower bound with undocumented figures as zero [m]
+    error: float  # error at the time and probability of the requirement [m]
+    least: float  # lower bound of `error`, with zero for undocumented figures [m]
     answer: Answer
     curve: FloatArray  # (m,) error at the required probability, at the times of the study [m]
     reaches: tuple[float, ...]  # times at which it exceeds each of `LIMITS` [s]; infinite if never
@@ -354,29 +355,29 @@ class Candidate:
     grade: str
     provenance: str
     missing: tuple[str, ...]  # undocumented figures, taken from its class
-    alone: Coasting  # the IMU alone
-    nhc: Coasting  # with the non-holonomic constraint
+    alone: Coasting  # error growth of the IMU alone
+    nhc: Coasting  # error growth with the non-holonomic constraint
 
 
 def candidates(required: Requirement, moved: Propagation, parts: Sequence[Part]) -> tuple[Candidate, ...]:
-    """Evaluate parts twice: with undocumented figures from their class, and with zero."""
+    """Evaluate IMUs twice: with undocumented figures from their class, and with zero for these figures."""
     grades = {grade: load_imu(grade) for grade in {part.grade for part in parts}}
     specs = [completed(part, grades[part.grade])[0] for part in parts] + [part.spec for part in parts]
     alone, aided = (error_curves(required, moved, specs, Aiding(nhc=nhc)) for nhc in (False, True))
-    found = []
+    evaluated = []
     for i, part in enumerate(parts):
         both = [
             coasting(required, moved, curves[i], curves[len(parts) + i], known=not part.missing)
             for curves in (alone, aided)
         ]
-        found.append(Candidate(part.name, part.grade, part.provenance, part.missing, *both))
-    return tuple(sorted(found, key=lambda each: each.alone.error))
+        evaluated.append(Candidate(part.name, part.grade, part.provenance, part.missing, *both))
+    return tuple(sorted(evaluated, key=lambda each: each.alone.error))
 
 
 def coasting(
     required: Requirement, moved: Propagation, curve: FloatArray, least: FloatArray, *, known: bool
 ) -> Coasting:
-    """Evaluate one curve: yes or no if documented figures decide, likely by class figures, else open."""
+    """Evaluate an error curve: yes or no if documented figures decide; likely if only class figures meet the limit."""
     time = moved.after
     error, smallest = (float(np.interp(required.after, time, values)) for values in (curve, least))
     smallest = error if known else smallest
@@ -400,10 +401,10 @@ def _reaches(time: FloatArray, curve: FloatArray, limit: float) -> float:
 
 @dataclass(frozen=True, slots=True)
 class Remedy:
-    """Measure that changes the error."""
+    """Remedy, and the error with it."""
 
-    name: str
-    error: float  # at the time of the requirement, at its probability [m]
+    name: str  # name of the remedy
+    error: float  # error at the time and probability of the requirement [m]
     ratio: float  # relative to the error of the unchanged IMU
 
 
@@ -442,12 +443,12 @@ def remedies(
     names = [name for name in families(sources_of(spec)) if not name.startswith("initial")]
     halves = [halved(spec, name) for name in names]
     errors = {name: _errors(required, moved, [spec], each)[0] for name, each in aiding.items()}
-    others = _errors(required, moved, [*changed.values(), *halves], Aiding())
-    errors |= dict(zip(changed, others, strict=False))
+    changed_errors = _errors(required, moved, [*changed.values(), *halves], Aiding())
+    errors |= dict(zip(changed, changed_errors, strict=False))
     base = errors["as it is"]
-    found = tuple(Remedy(name, error, error / base) for name, error in errors.items())
-    changes = [error / base for error in others[len(changed) :]]
-    return found, tuple(
+    results = tuple(Remedy(name, error, error / base) for name, error in errors.items())
+    changes = [error / base for error in changed_errors[len(changed) :]]
+    return results, tuple(
         Elasticity(name, change - 1.0, math.log(change) / math.log(0.5))
         for name, change in zip(names, changes, strict=True)
     )
@@ -459,14 +460,14 @@ def _errors(required: Requirement, moved: Propagation, specs: Sequence[ImuSpec],
 
 
 def at_most(spec: ImuSpec, sensor: Sensor, sizes: dict[str, float]) -> ImuSpec:
-    """Limit the errors of a sensor to the remainder after a calibration."""
+    """Limit the errors of a sensor to `sizes`, which remain after a calibration."""
     old = getattr(spec, sensor)
     new = replace(old, **{key: np.minimum(getattr(old, key), size) for key, size in sizes.items()})
     return replace(spec, **{sensor: new})
 
 
 def at_constant_temperature(spec: ImuSpec, part: Part) -> ImuSpec | None:
-    """Use the in-run bias of the Allan deviation; None if undocumented or already used."""
+    """Replace the in-run bias by the Allan deviation's minimum; None if undocumented or already used."""
     changed = {}
     for sensor in ("gyro", "accel"):
         old = getattr(spec, sensor)
@@ -492,7 +493,7 @@ def halved(spec: ImuSpec, family: str) -> ImuSpec:
 class Verified:
     """Simulated runs of a set of errors."""
 
-    factor: float  # on the whole set
+    factor: float  # factor on all errors of the set
     runs: int
     within: int  # runs within the limit
     error: float  # error that the share `probability` of the runs does not exceed [m]
@@ -528,7 +529,7 @@ def verify(
     workers: Workers = 1,
     progress: Callable[[float], None] | None = None,
 ) -> Verified:
-    """Count the runs that stay within the limit."""
+    """Simulate runs with all errors scaled by `factor`, and count the runs within the limit."""
     row = np.array([last_sample(motion, required.after)])
     seeds, larger = (seed, round(100 * factor)), scaled(spec, factor)
     error = free_runs(larger, motion, row, runs, seeds, hold=hold, workers=workers, progress=progress)[:, 0]
@@ -548,15 +549,15 @@ class RequirementStudy:
     hold: bool  # the vertical channel was constrained to the reference height
     verified: tuple[Verified, ...] = ()  # the set, and a larger one, simulated
     begins: tuple[int, ...] = ()  # end of GPS in the following outages, whose mean is shown [s]
-    time: FloatArray = field(default_factory=lambda: np.zeros(0))  # (m,) of the curves of the candidates [s]
-    candidates: tuple[Candidate, ...] = ()  # real IMUs, the best first; empty for too long outages
-    # IMU of the following fields: the given one, else the best that fails the requirement alone. Then its remedies
+    time: FloatArray = field(default_factory=lambda: np.zeros(0))  # (m,) times of the candidates' curves [s]
+    candidates: tuple[Candidate, ...] = ()  # real IMUs, the best first; empty if the outage is too long
+    # IMU of `remedies`, `elasticities` and `shares`: the given IMU, else the best one that fails the requirement alone
     example: str = ""
     remedies: tuple[Remedy, ...] = ()
     elasticities: tuple[Elasticity, ...] = ()
-    shares: Mapping[str, float] = field(default_factory=dict)  # of initial errors, and of later noise
+    shares: Mapping[str, float] = field(default_factory=dict)  # variance shares of initial errors and later noise
 
 
 TYPICAL = 1.6  # geometric mean of recorded over predicted error
-SPAN = (0.53, 4.9)  # 95 % of further tests
+SPAN = (0.53, 4.9)  # interval of this ratio in 95 % of further tests
 FIELD_FACTOR = Finding.of(Code.REQUIREMENT_FIELD_FACTOR, factor=TYPICAL, low=SPAN[0], high=SPAN[1])
