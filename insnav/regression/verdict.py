@@ -149,7 +149,7 @@ def standard_error(value: FloatArray, *, pieces: bool) -> tuple[float, float]:
 
 
 def holm(p: Sequence[float]) -> FloatArray:
-    """Correct p-values for multiple testing by Holm's method. Returns: (n,): corrected p-values, for the level `ALPHA`."""
+    """Correct p-values for multiple testing by Holm's method. Returns: (n,): corrected p-values."""
     value = np.asarray(p, dtype=np.float64)
     order = np.argsort(value)
     steps = (len(value) - np.arange(len(value))) * value[order]
