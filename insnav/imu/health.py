@@ -136,7 +136,7 @@ def _plain(imu: ImuData, scale: FloatArray | float) -> bool:
 
 
 def _usual(change: FloatArray) -> FloatArray:
-    """Compute the median change between samples of each axis, at least the smallest change, (6,)."""
+    """Compute the median change between samples of each axis, at least the smallest positive change, (6,)."""
     head = change[: (1 << 16) - 1]
     return np.asarray(np.maximum(np.median(head, axis=0), np.min(head, axis=0, where=head > 0.0, initial=SPIKE_ACCEL)))
 
@@ -192,7 +192,7 @@ class _Activity:
         return cls(length, square / np.maximum(mean, 1e-300))
 
     def unusual(self, column: FloatArray, axis: int, first: IntArray, count: IntArray) -> BoolArray:
-        """Find runs of repeats whose like the sensor does not have elsewhere during similar vehicle motion."""
+        """Find runs of repeats that are unusual for the sensor during similar vehicle motion."""
         unusual = np.zeros(first.size, dtype=np.bool_)
         if not first.size or not self.square.shape[0]:
             return unusual

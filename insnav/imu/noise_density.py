@@ -141,7 +141,7 @@ def rounding_changes(imu: ImuData) -> tuple[RoundingChange, ...]:
     level = np.where(variance > 0.0, [each.mean(axis=0) for each in seconds], np.inf)
     kept, start = np.ones((len(seconds) - 1, 3), dtype=np.bool_), level[0].copy()
     for second, constant in zip(level[1:], kept, strict=True):  # from the start of a run: slow changes add up
-        constant[:] = np.isclose(second, start, rtol=0.0, atol=0.25 * step)  # infinite: no rounding bias
+        constant[:] = np.isclose(second, start, rtol=0.0, atol=0.25 * step)  # infinite in seconds without rounding bias
         start[~constant] = second[~constant]
     for axis, constant in enumerate(kept.T):
         run_number = np.cumsum(np.append(False, ~constant))
