@@ -29,7 +29,7 @@ from insnav.lab.noise.allan import AllanDeviation, EvenRecord, NoiseModel, Sinus
 from insnav.types import BoolArray, FloatArray, ImuData
 from insnav.units import DEG
 
-PEAK_TIME = 1.8926  # averaging time of the peak of a Gauss-Markov process' Allan deviation, in correlation times
+PEAK_TIME = 1.8926  # averaging time at the peak of the Allan deviation of a Gauss-Markov process, in correlation times
 PEAK = 0.61736  # height of this peak, in standard deviations of the process
 KEYS = {term.allan: term.key for term in terms_of("gyro") if term.allan}  # by coefficient: key of the IMU file
 FLOOR_FREEDOM = 10.0  # least degrees of freedom of a floor
