@@ -62,24 +62,24 @@ def inspect(imu: ImuData) -> tuple[ImuData, list[Finding]]:
             values[row, axis] = mean
         change = _changes(values)
     # compare the original samples: after division by the intervals, equal increments would differ
-    same = spill.by_blocks(
+    equal = spill.by_blocks(
         lambda *some: np.hstack([some[0] == some[1], some[2] == some[3]]),
         *(imu.gyro[1:], imu.gyro[:-1], imu.accel[1:], imu.accel[:-1]),
     )
     repeats, high = np.zeros(6, dtype=np.bool_), np.zeros(6)
-    for block in spill.blocks(same.shape[0], before=1):
+    for block in spill.blocks(equal.shape[0], before=1):
         # most axes never have three equal samples in a row, and need no further test
-        repeats |= (same[block][1:] & same[block][:-1]).any(axis=0)
+        repeats |= (equal[block][1:] & equal[block][:-1]).any(axis=0)
     for block in spill.blocks(values.shape[0]):
         high = np.maximum(high, np.abs(values[block]).max(axis=0))
     quiet = spill.by_blocks(lambda some: some <= CONSTANT * high, change)
     _refuse_constant(values, quiet)
     activity = _Activity.of(change, max(STUCK, int(np.ceil(STUCK_TIME / np.median(np.diff(imu.time))))))
-    lost = np.zeros(imu.time.shape[0], dtype=np.bool_)
+    removed = np.zeros(imu.time.shape[0], dtype=np.bool_)
     faults = []
     for axis in np.flatnonzero(repeats).tolist():
         column = spill.by_blocks(np.copy, values[:, axis])
-        first, count = _runs(same[:, axis])
+        first, count = _runs(equal[:, axis])
         largest = float(np.abs(column).max())
         extreme = largest > 4.0 * float(np.abs(column - np.median(column)).mean()) > 0.0
         clipped = (np.abs(column[first]) >= largest * (1.0 - 1e-9)) & extreme
@@ -88,10 +88,10 @@ def inspect(imu: ImuData) -> tuple[ImuData, list[Finding]]:
         clipped |= bounded & ~long
         clipped &= _others_vary(quiet, axis, first, count)
         # some sample always has the largest value, and coarse steps may repeat it by chance
-        clipped &= _chance(same[:, axis], first, count, np.flatnonzero(clipped)) < BY_CHANCE
+        clipped &= _chance(equal[:, axis], first, count, np.flatnonzero(clipped)) < BY_CHANCE
         stuck = ~clipped & ~long & (count >= STUCK) & (_length(imu.time, first, count) >= STUCK_TIME)
         suspects = _longest(count)
-        chance = same.shape[0] * _chance(same[:, axis], first, count, suspects[count[suspects] >= STUCK])
+        chance = equal.shape[0] * _chance(equal[:, axis], first, count, suspects[count[suspects] >= STUCK])
         stuck &= _others_vary(quiet, axis, first, count) & (chance < BY_CHANCE)
         stuck[stuck] = activity.unusual(column, axis, first[stuck], count[stuck])
         faults += [
@@ -100,17 +100,17 @@ def inspect(imu: ImuData) -> tuple[ImuData, list[Finding]]:
             (Code.IMU_STUCK, _AXES[axis], first[stuck], count[stuck]),
         ]
     if repeats.all():
-        faults.append((Code.IMU_FROZEN, "imu", *_frozen(imu.time, same, values, activity)))
+        faults.append((Code.IMU_FROZEN, "imu", *_frozen(imu.time, equal, values, activity)))
     for code, subject, first, count in faults:
         for start, number in zip(first, count, strict=True):
-            lost[start : start + number] |= code is not Code.IMU_LIMITED
+            removed[start : start + number] |= code is not Code.IMU_LIMITED
             begin, end = float(imu.time[start]), float(imu.time[start + number - 1])
             events.append(Finding.of(code, begin, end, subject=subject, duration_s=end - begin))
     if not events:
         return imu, []
     events.sort(key=lambda event: event.begin)
     gyro, accel = (spill.by_blocks(np.multiply, half, each) for half in (values[:, :3], values[:, 3:]))
-    return replace(imu, gyro=gyro, accel=accel).rows(~lost), events
+    return replace(imu, gyro=gyro, accel=accel).rows(~removed), events
 
 
 def _spike(time: float, axis: int, size: float, limit: float) -> Finding:
@@ -123,12 +123,12 @@ def _spike(time: float, axis: int, size: float, limit: float) -> Finding:
 def _plain(imu: ImuData, scale: FloatArray | float) -> bool:
     """Return whether the samples need no inspection: no spike, no value three times in a row, no constant axis."""
     head = slice(1 << 16)
-    some = np.hstack([imu.gyro[head], imu.accel[head]]) / (scale if isinstance(scale, float) else scale[head])
-    each, limit = np.broadcast_to(scale, (imu.time.shape[0], 1)), SPIKE_FACTOR * _usual(_changes(some))
+    values_head = np.hstack([imu.gyro[head], imu.accel[head]]) / (scale if isinstance(scale, float) else scale[head])
+    scales, limit = np.broadcast_to(scale, (imu.time.shape[0], 1)), SPIKE_FACTOR * _usual(_changes(values_head))
     largest = change = np.zeros(6)
     for block in spill.blocks(imu.time.shape[0], before=2):
         # `flatten` copies, because a read-only broadcast array would compile another kernel
-        high, step, odd = glance(imu.gyro[block], imu.accel[block], each[block].flatten(), limit, RETURN)
+        high, step, odd = glance(imu.gyro[block], imu.accel[block], scales[block].flatten(), limit, RETURN)
         if odd:
             return False
         largest, change = np.maximum(largest, high), np.maximum(change, step)
@@ -187,8 +187,8 @@ class _Activity:
         blocks = change[: change.shape[0] // length * length].reshape(-1, length, 6)
         parts = spill.blocks(blocks.shape[0], size=-(-spill.ROWS // length))
         square = np.concatenate([np.empty((0, 6)), *(np.mean(blocks[part] ** 2, axis=1) for part in parts)])
-        rest = change[blocks.shape[0] * length :] ** 2
-        mean = (length * square.sum(axis=0) + rest.sum(axis=0)) / change.shape[0]
+        remainder = change[blocks.shape[0] * length :] ** 2
+        mean = (length * square.sum(axis=0) + remainder.sum(axis=0)) / change.shape[0]
         return cls(length, square / np.maximum(mean, 1e-300))
 
     def unusual(self, column: FloatArray, axis: int, first: IntArray, count: IntArray) -> BoolArray:
@@ -197,18 +197,18 @@ class _Activity:
         if not first.size or not self.square.shape[0]:
             return unusual
         others = np.delete(self.square, axis, axis=1).mean(axis=1)
-        usual = np.ones(others.size, dtype=np.bool_)
+        normal = np.ones(others.size, dtype=np.bool_)
         for row in _longest(count):
-            usual[self._blocks(first[row], count[row])] = False
+            normal[self._blocks(first[row], count[row])] = False
         spread, resolution = self._range(column), _resolution(column, column[first])
         moving = IN_MOTION * float(np.median(others))
         for row in range(first.size):
             activity = float(np.median(others[self._blocks(first[row], count[row])]))
-            comparable = usual & (others <= COMPARABLE * activity) & (others >= activity / COMPARABLE)
+            comparable = normal & (others <= COMPARABLE * activity) & (others >= activity / COMPARABLE)
             if comparable.sum() < ENOUGH:
-                if activity <= moving or usual.sum() < ENOUGH:
+                if activity <= moving or normal.sum() < ENOUGH:
                     continue
-                comparable = usual
+                comparable = normal
             unusual[row] = float(np.quantile(spread[comparable], UNUSUAL)) > STEPS * resolution[row]
         return unusual
 
@@ -243,9 +243,9 @@ def _resolution(column: FloatArray, held: FloatArray) -> FloatArray:
     change = np.abs(np.diff(column[: 1 << 16]))
     smallest = float(np.quantile(change[change > 0.0], UNUSUAL)) if change.any() else 0.0
     levels = np.unique(column)
-    place = np.searchsorted(levels, held)
+    index = np.searchsorted(levels, held)
     padded = np.concatenate([[-np.inf], levels, [np.inf]])
-    return np.asarray(np.maximum(np.minimum(held - padded[place], padded[place + 2] - held), smallest))
+    return np.asarray(np.maximum(np.minimum(held - padded[index], padded[index + 2] - held), smallest))
 
 
 def _longest(count: IntArray) -> IntArray:
@@ -274,12 +274,12 @@ def _frozen(time: FloatArray, same: BoolArray, values: FloatArray, activity: _Ac
     first, count = first[long], count[long]
     if not first.size:
         return first, count
-    usual = np.ones(activity.square.shape[0], dtype=np.bool_)
+    normal = np.ones(activity.square.shape[0], dtype=np.bool_)
     for start, number in zip(first, count, strict=True):
-        usual[activity._blocks(start, number)] = False
-    if usual.sum() < ENOUGH:
+        normal[activity._blocks(start, number)] = False
+    if normal.sum() < ENOUGH:
         return first[:0], count[:0]
-    spread = np.column_stack([activity._range(values[:, axis])[usual] for axis in range(6)])
+    spread = np.column_stack([activity._range(values[:, axis])[normal] for axis in range(6)])
     if int(np.sum(np.quantile(spread, UNUSUAL, axis=0) > 0.0)) < 4:  # noise-free sensors are constant at rest
         return first[:0], count[:0]
     return first, count

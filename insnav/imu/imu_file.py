@@ -209,14 +209,14 @@ def to_toml(spec: ImuSpec) -> str:
     content: dict[str, Any] = {"name": spec.name} | ({"source": spec.source} if spec.source else {})
     sensors: tuple[tuple[Sensor, SensorSpec], ...] = (("gyro", spec.gyro), ("accel", spec.accel))
     for name, sensor in sensors:
-        given = (
+        texts = (
             {"correlation_time": text(sensor.correlation_time, "s")} if math.isfinite(sensor.correlation_time) else {}
         )
         for term in terms_of(name):
             value = getattr(sensor, term.key)
             if np.any(value) or (term.usual and f"{name}.{term.key}" not in spec.absent):
-                given[term.key] = text(value, term.unit)
-        content[name] = {key: given.pop(key) for key in _FIRST if key in given} | given
+                texts[term.key] = text(value, term.unit)
+        content[name] = {key: texts.pop(key) for key in _FIRST if key in texts} | texts
     if np.any(spec.positions):
         content["accel"]["positions"] = text(spec.positions, "m")
     if spec.clock != ClockSpec():
@@ -358,8 +358,8 @@ def _gyro_map(table: _Map | None) -> DynamicMap | None:
 
 
 def _terms(sensor: Sensor, table: Table) -> ErrorTerms | None:
-    given = table.model_dump(include=set(_dimensions(sensor)), exclude_none=True)
-    terms = {key: np.array(value) for key, value in given.items()}
+    stated = table.model_dump(include=set(_dimensions(sensor)), exclude_none=True)
+    terms = {key: np.array(value) for key, value in stated.items()}
     return ErrorTerms(**terms) if any(value.any() for value in terms.values()) else None
 
 

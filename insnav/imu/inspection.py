@@ -77,8 +77,8 @@ def inspect_samples(imu: ImuData, rest: tuple[float, float] | None, still: BoolA
     change = np.diff(values, axis=0)
     both_moving = moving[1:] & moving[:-1]
     step = np.diff(imu.time)
-    usual = float(np.median(step))
-    raw, interval = np.hstack([imu.gyro, imu.accel]), usual if imu.sampling == "increment" else 1.0
+    median_step = float(np.median(step))
+    raw, interval = np.hstack([imu.gyro, imu.accel]), median_step if imu.sampling == "increment" else 1.0
     axes = tuple(
         AxisFigures(
             name,
@@ -91,14 +91,14 @@ def inspect_samples(imu: ImuData, rest: tuple[float, float] | None, still: BoolA
         )
         for i, name in enumerate(AXES)
     )
-    no_gap = step < JITTER_GAP * usual
+    no_gap = step < JITTER_GAP * median_step
     return ImuFigures(
         axes,
-        _peaks(values[moving, 3:], 1.0 / usual),
+        _peaks(values[moving, 3:], 1.0 / median_step),
         float(np.std(step[no_gap])),
         int(np.count_nonzero(~no_gap)),
         (0.0, float("nan")) if still is None else _gravity_step(imu.time, values[:, 3:], still),
-        (0.0, float("nan")) if rest is None else _jolt(imu.time[in_rest], values[in_rest, 3:], usual),
+        (0.0, float("nan")) if rest is None else _jolt(imu.time[in_rest], values[in_rest, 3:], median_step),
     )
 
 

@@ -137,19 +137,19 @@ def rounding_changes(imu: ImuData) -> tuple[RoundingChange, ...]:
         return ()
     first = np.unique(np.searchsorted(imu.time, np.arange(imu.time[0], imu.time[-1])))
     seconds = np.split(imu.gyro, first[1:])
-    variance = np.array([rounding_variance(each, step) for each in seconds])
-    level = np.where(variance > 0.0, [each.mean(axis=0) for each in seconds], np.inf)
-    kept, start = np.ones((len(seconds) - 1, 3), dtype=np.bool_), level[0].copy()
-    for second, constant in zip(level[1:], kept, strict=True):  # from the start of a run: slow changes add up
+    variance = np.array([rounding_variance(second_values, step) for second_values in seconds])
+    level = np.where(variance > 0.0, [second_values.mean(axis=0) for second_values in seconds], np.inf)
+    level_kept, start = np.ones((len(seconds) - 1, 3), dtype=np.bool_), level[0].copy()
+    for second, constant in zip(level[1:], level_kept, strict=True):  # from the start of a run: slow changes add up
         constant[:] = np.isclose(second, start, rtol=0.0, atol=0.25 * step)  # infinite in seconds without rounding bias
         start[~constant] = second[~constant]
-    for axis, constant in enumerate(kept.T):
+    for axis, constant in enumerate(level_kept.T):
         run_number = np.cumsum(np.append(False, ~constant))
         variance[:, axis] = (np.bincount(run_number, variance[:, axis]) / np.bincount(run_number))[run_number]
     variance /= np.median(per_sample(imu)) ** 2
     return tuple(
-        RoundingChange(float(imu.time[first[i + 1]]), *np.where(kept[i], np.nan, variance[i : i + 2]))
-        for i in np.flatnonzero(~kept.all(axis=1))
+        RoundingChange(float(imu.time[first[i + 1]]), *np.where(level_kept[i], np.nan, variance[i : i + 2]))
+        for i in np.flatnonzero(~level_kept.all(axis=1))
     )
 
 

@@ -114,13 +114,13 @@ def stability_of(time: FloatArray, output: FloatArray, length: float) -> Stabili
     expected = length / float(np.median(np.diff(time)))
     if expected < 1.0 - 1e-6:
         return None
-    part = np.floor((time - time[0]) / length * (1.0 + 1e-9) + 1e-6).astype(np.int64)
-    count = np.bincount(part)
+    part_number = np.floor((time - time[0]) / length * (1.0 + 1e-9) + 1e-6).astype(np.int64)
+    count = np.bincount(part_number)
     complete = count >= COMPLETE * expected
     width = round(expected)
     if not complete.any() or time.size < ONE_PART * width:
         return None
-    means = np.bincount(part, output)[complete] / count[complete]
+    means = np.bincount(part_number, output)[complete] / count[complete]
     middle = time[0] + length * (np.flatnonzero(complete) + 0.5)
     running_sum = np.cumsum(np.concatenate(([0.0], output - output.mean())))
     sliding = float(np.std((running_sum[width:] - running_sum[:-width]) / width, ddof=1))

@@ -78,24 +78,24 @@ def read_bench(
     """
     table = open_table(path)
     schema = (*schema, TIME, TEMPERATURE)
-    found, _ = understand(table.headers, table.units, schema, columns=columns, where=table.name)
-    wanted = [
-        other if key not in found and (other := (alternatives or {}).get(key, key)) in found else key for key in needed
+    cols, _ = understand(table.headers, table.units, schema, columns=columns, where=table.name)
+    required = [
+        other if key not in cols and (other := (alternatives or {}).get(key, key)) in cols else key for key in needed
     ]
-    require(found, wanted, table, schema)
-    for item in found.values():
+    require(cols, required, table, schema)
+    for item in cols.values():
         if item.unit is None and item.quantity.dimension:
             raise InputError("lab.no_unit", where=table.name, column=item.header, name=item.quantity.name)
-    if not found:
+    if not cols:
         known = tuple(item.name for item in schema[:4])
         raise InputError("lab.no_column", where=table.name, headers=tuple(table.headers), known=known)
-    numbers = table.cells.read([item.index for item in found.values()])
+    numbers = table.cells.read([item.index for item in cols.values()])
     if numbers.cut:
         raise InputError("lab.truncated", where=table.name, **dict[str, Any](numbers.cut.values))
     if numbers.n_rows == 0:
         raise InputError("lab.no_rows", where=table.name)
     values, units = {}, {}
-    for key, item in found.items():
+    for key, item in cols.items():
         raw = numbers.columns[item.index]
         if not np.isfinite(raw).all():
             raise InputError("lab.value_missing", where=table.place(int(np.argmin(np.isfinite(raw))), item.index))
@@ -149,18 +149,18 @@ def clean_mean(
     samples are beyond the limit.
     """
     order = min(ORDER, max(0, samples.size // 10))  # a short dwell does not determine a polynomial of order 7
-    good = np.ones(samples.size, dtype=np.bool_)
+    within = np.ones(samples.size, dtype=np.bool_)
     for _ in range(MAX_ROUNDS):
-        residual = samples - Polynomial.fit(time[good], samples[good], order, domain=[time[0], time[-1]])(time)
-        before, good = good, np.abs(residual) <= limit
-        if np.array_equal(before, good) or np.count_nonzero(good) <= order:
+        residual = samples - Polynomial.fit(time[within], samples[within], order, domain=[time[0], time[-1]])(time)
+        previous, within = within, np.abs(residual) <= limit
+        if np.array_equal(previous, within) or np.count_nonzero(within) <= order:
             break
-    kept = samples[good]
+    kept = samples[within]
     if kept.size < (1.0 - LARGEST_LOSS) * samples.size:
         values: dict[str, Any] = {"begin_row": row + 1, "end_row": row + samples.size}
         values |= {"count": samples.size - kept.size, "limit": limit, "order": order, "residual_sd": np.std(residual)}
         raise InputError("lab.dwell_of_spikes", where=where, **values)
-    sd = float(np.std(residual[good]) / np.sqrt(kept.size)) if kept.size > 1 else 0.0
+    sd = float(np.std(residual[within]) / np.sqrt(kept.size)) if kept.size > 1 else 0.0
     return float(np.mean(kept)), sd, samples.size - kept.size
 
 
@@ -331,9 +331,9 @@ def read_powerups(path: str | Path | Table, columns: Mapping[str, str] | None = 
     """
     table = _read(path, ("setting", "raw", "sensed", "bias"), ("powerup",), columns, (POWERUP,))
     channels = {}
-    for axis, known in _EVERY.items():
-        if known["bias"].key in table.columns:
-            channels[axis] = Channel(axis, np.empty(0), table.columns[known["bias"].key], SI[axis.split()[0]])
+    for axis, quantities in _EVERY.items():
+        if quantities["bias"].key in table.columns:
+            channels[axis] = Channel(axis, np.empty(0), table.columns[quantities["bias"].key], SI[axis.split()[0]])
     channels |= _channels(table, settings=True)
     return BenchRecord(table, None, table.columns["powerup"], channels)
 
@@ -348,14 +348,14 @@ def read_drift(path: str | Path | Table, columns: Mapping[str, str] | None = Non
     table = _read(path, ("setting", "raw", "sensed"), ("time",), columns)
     values: dict[str, dict[str, FloatArray]] = {"sensed": {}, "setting": {}}
     force: dict[str, FloatArray] = {}
-    for axis, known in _EVERY.items():
+    for axis, quantities in _EVERY.items():
         sensor, letter = axis.split()
-        if known["raw"].key in table.columns:
-            unit, name = table.units[known["raw"].key], known["sensed"].name
+        if quantities["raw"].key in table.columns:
+            unit, name = table.units[quantities["raw"].key], quantities["sensed"].name
             raise InputError("lab.drift_of_raw", where=table.name, sensor=axis, unit=unit, name=name)
         for kind, into in values.items():
-            if known[kind].key in table.columns:
-                (into if sensor == "gyro" else force)[letter] = table.columns[known[kind].key]
+            if quantities[kind].key in table.columns:
+                (into if sensor == "gyro" else force)[letter] = table.columns[quantities[kind].key]
     gyro = values["sensed"]
     if not gyro:
         raise InputError("lab.no_gyro", where=table.name)
@@ -372,11 +372,11 @@ def _read(
     columns: Mapping[str, str] | None,
     more: tuple[Quantity, ...] = (),
 ) -> BenchTable:
-    schema = tuple(known[kind] for known in _EVERY.values() for kind in kinds)
+    schema = tuple(quantities[kind] for quantities in _EVERY.values() for kind in kinds)
     headers = open_table(path).headers if columns else ()
     named = {name: header for name, header in (columns or {}).items() if header in headers}
     table = read_bench(path, (*schema, *more), needed, columns=named)
-    outputs = {known[kind].key for known in _EVERY.values() for kind in ("raw", "sensed", "bias")}
+    outputs = {quantities[kind].key for quantities in _EVERY.values() for kind in ("raw", "sensed", "bias")}
     if not outputs & set(table.columns):
         raise InputError("lab.no_sensor", where=table.name)
     return table
@@ -384,11 +384,11 @@ def _read(
 
 def _channels(table: BenchTable, *, settings: bool) -> dict[str, Channel]:
     channels = {}
-    for axis, known in _EVERY.items():
-        raw, sensed = known["raw"].key, known["sensed"].key
+    for axis, quantities in _EVERY.items():
+        raw, sensed = quantities["raw"].key, quantities["sensed"].key
         if raw not in table.columns and sensed not in table.columns:
             continue
-        key, setting = (raw if raw in table.columns else sensed), known["setting"]
+        key, setting = (raw if raw in table.columns else sensed), quantities["setting"]
         if settings and setting.key not in table.columns:
             raise InputError("lab.no_setting", where=table.name, sensor=axis, name=setting.name)
         unit = table.units[raw] if key == raw else SI[axis.split()[0]]

@@ -165,7 +165,7 @@ def affine_fits(
     design = np.column_stack((true, np.ones(len(true))))
     rows = np.ones(measured.shape, dtype=np.bool_) if used is None else used
     sensors = zip(measured.T, rows.T, where, strict=True)
-    return tuple(linear_fit(design[good], column[good], AFFINE, where=name) for column, good, name in sensors)
+    return tuple(linear_fit(design[keep], column[keep], AFFINE, where=name) for column, keep, name in sensors)
 
 
 class BenchInputs(TypedDict, total=False):
@@ -379,8 +379,8 @@ def few(what: str, count: int, usual: int, subject: str = "") -> tuple[Finding, 
 
 def outlier(fit: Fit, row: int, angle_rad: float = math.nan) -> Finding:
     """Report an outlying row of a fit, one of `insnav.lab.calibration.outliers`."""
-    size = abs(float(fit.residual[row])) / fit.sigma
-    return Finding.of(Code.BENCH_OUTLIER, residual_sigma=size, row=row + 1, angle_rad=angle_rad)
+    residual_sigma = abs(float(fit.residual[row])) / fit.sigma
+    return Finding.of(Code.BENCH_OUTLIER, residual_sigma=residual_sigma, row=row + 1, angle_rad=angle_rad)
 
 
 def warming(temperature: FloatArray | None, limit: float) -> tuple[Finding, ...]:
@@ -407,9 +407,9 @@ def navigation_impact(errors: ImuErrors, sd: CalibrationSd) -> tuple[Impact, ...
     ):
         perfect = imu_from_truth(motion, np.arange(int(MINUTE * RATE) + 1) / RATE)
         path = reference(motion, np.concatenate(([0.0], perfect.time)))
-        measured = [corrupt(perfect, each) for each in truths]
-        without = [_error(path, each) for each in measured]
-        corrected = [_error(path, correct(each, known)) for each in measured]
+        measured = [corrupt(perfect, samples) for samples in truths]
+        without = [_error(path, samples) for samples in measured]
+        corrected = [_error(path, correct(samples, known)) for samples in measured]
         impacts.append(Impact(words, rms(without), rms(corrected)))
     return tuple(impacts)
 

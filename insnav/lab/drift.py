@@ -103,12 +103,12 @@ def _left_out(term: str, cause: FloatArray | None, columns: list[FloatArray], su
     """Find the reason why a term cannot be separated from the terms of `columns`; None if it can."""
     if cause is None:
         return Finding.of(Code.DRIFT_NO_COLUMN, subject=subject, term=term, cause=_CAUSES[term])
-    known = np.column_stack(columns)
-    independent = np.std(cause - known @ np.linalg.lstsq(known, cause, rcond=None)[0])
+    earlier = np.column_stack(columns)
+    independent = np.std(cause - earlier @ np.linalg.lstsq(earlier, cause, rcond=None)[0])
     for code, spread in ((Code.DRIFT_CONSTANT, np.std(cause)), (Code.DRIFT_CONFOUNDED, independent)):
         if spread < SHOWS[term]:
-            size: dict[str, Any] = {f"spread_{_UNITS[term]}": spread, f"limit_{_UNITS[term]}": SHOWS[term]}
-            return Finding.of(code, subject=subject, **size, term=term, cause=_CAUSES[term])
+            spreads: dict[str, Any] = {f"spread_{_UNITS[term]}": spread, f"limit_{_UNITS[term]}": SHOWS[term]}
+            return Finding.of(code, subject=subject, **spreads, term=term, cause=_CAUSES[term])
     return None
 
 
@@ -207,10 +207,10 @@ def choose_smoother(values: FloatArray, interval: float) -> Smoother:
         return float(np.sum(np.log(eigen)) + (n - 1) * math.log(float(np.mean(power / eigen))))
 
     smallest = 2.0 * math.log(SLOWEST_PART / n)
-    found = minimize_scalar(unlikely, bounds=(smallest, 0.0), method="bounded", options={"xatol": 1e-6})
+    minimum = minimize_scalar(unlikely, bounds=(smallest, 0.0), method="bounded", options={"xatol": 1e-6})
     # the bounded search never evaluates the bound itself: take it if its likelihood is practically equal
-    bounded = unlikely(smallest) <= float(found.fun) + 1e-3
-    ratio = math.exp(smallest if bounded else float(found.x))
+    bounded = unlikely(smallest) <= float(minimum.fun) + 1e-3
+    ratio = math.exp(smallest if bounded else float(minimum.x))
     r = float(np.mean(power / (ratio + shape)))
     return Smoother(ratio * r, r, interval, bounded)
 
@@ -229,17 +229,17 @@ def smooth(values: FloatArray, smoother: Smoother) -> FloatArray:
     kalman.F, kalman.H = np.eye(1), np.eye(1)
     kalman.P, kalman.Q, kalman.R = np.array([[P0]]), np.array([[smoother.q]]), np.array([[smoother.r]])
     out = np.empty(values.size)
-    before = math.inf
+    previous_gain = math.inf
     for k, value in enumerate(values):
         kalman.predict()
         kalman.update(np.array([[value]]))
         out[k] = kalman.x[0, 0]
         gain = float(kalman.K[0, 0])
-        if abs(gain - before) <= SETTLED * gain:
+        if abs(gain - previous_gain) <= SETTLED * gain:
             keep = 1.0 - gain
             out[k + 1 :] = lfilter([gain], [1.0, -keep], values[k + 1 :], zi=[keep * out[k]])[0]
             break
-        before = gain
+        previous_gain = gain
     return out
 
 
@@ -367,14 +367,14 @@ def drift_study(record: DriftRecord) -> DriftStudy:
     Raises: InputError: gaps, or fewer than 100 samples at rest at the beginning.
     """
     _refuse_gaps(record)
-    rest = slice(0, int(np.count_nonzero(record.at_rest())))
-    if rest.stop < FEWEST:
-        raise InputError("lab.no_rest_first", where=record.name, count=rest.stop, limit=FEWEST)
+    stationary = slice(0, int(np.count_nonzero(record.at_rest())))
+    if stationary.stop < FEWEST:
+        raise InputError("lab.no_rest_first", where=record.name, count=stationary.stop, limit=FEWEST)
     models = {axis: drift_model(record, axis) for axis in record.axes}
     errors = drift_errors(models, f"drift of {record.name}")
     corrected = corrected_rates(record, errors)
-    factors, notes = _factors(rest.stop, record.interval)
-    gyros = tuple(_one(record, rest, models[axis], corrected[axis], factors) for axis in record.axes)
+    factors, notes = _factors(stationary.stop, record.interval)
+    gyros = tuple(_one(record, stationary, models[axis], corrected[axis], factors) for axis in record.axes)
     return DriftStudy(record, gyros, errors, _warnings(gyros), notes)
 
 
@@ -393,7 +393,7 @@ def _factors(n: int, interval: float) -> tuple[IntArray, tuple[Finding, ...]]:
     usable = (np.rint(wanted) >= 1) & (np.abs(wanted - np.rint(wanted)) < 0.02 * wanted) & (2 * np.rint(wanted) <= n)
     if not usable.any():
         raise InputError("lab.rest_without_times", length_s=n * interval, interval_s=interval)
-    omitted = tuple(tau for tau, kept in zip(TAUS, usable, strict=True) if not kept)
+    omitted = tuple(tau for tau, is_usable in zip(TAUS, usable, strict=True) if not is_usable)
     notes = (Finding.of(Code.DRIFT_TIMES, tau_s=omitted, length_s=n * interval, interval_s=interval),) * bool(omitted)
     return np.unique(np.rint(wanted[usable]).astype(np.int64)), notes
 

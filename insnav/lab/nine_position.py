@@ -145,15 +145,15 @@ def _to_add(roll: FloatArray, pitch: FloatArray) -> list[tuple[float, float]]:
     added: list[tuple[float, float]] = []
 
     def score(group: tuple[tuple[int, int], ...]) -> float:
-        both = [
-            np.concatenate((angle, more)) for angle, more in zip((roll, pitch), np.array(group).T * DEG, strict=True)
+        angles = [
+            np.concatenate((angle, extra)) for angle, extra in zip((roll, pitch), np.array(group).T * DEG, strict=True)
         ]
         # condition numbers are infinite while a design is singular: compare ranks first
-        lack = 7 - sum(int(np.linalg.matrix_rank(design)) for design in _designs(*both))
-        return 1e6 * lack + sum(min(each, 1e5) for each in _conditions(*both))
+        lack = 7 - sum(int(np.linalg.matrix_rank(design)) for design in _designs(*angles))
+        return 1e6 * lack + sum(min(condition, 1e5) for condition in _conditions(*angles))
 
     while groups and not _determined(roll, pitch):
-        group = groups.pop(min((score(group), place) for place, group in enumerate(groups))[1])
+        group = groups.pop(min((score(group), index) for index, group in enumerate(groups))[1])
         added += [(float(r), float(p)) for r, p in group]
         roll, pitch = (
             np.concatenate((old, new)) for old, new in zip((roll, pitch), np.array(group).T * DEG, strict=True)
@@ -285,8 +285,8 @@ def _crossed(fit: Fit, axis: int) -> FloatArray:
 
 def _refuse_exchanged(fits: tuple[Fit, ...], where: str) -> None:
     for sensor, axis, fit in zip(SENSORS, AXIS, fits, strict=True):
-        own, cross = float(fit.value[axis]), _crossed(fit, axis)
-        if abs(own - 1.0) > MOST_SENSITIVE or np.abs(cross).max() > MOST_CROSSED:
+        own_axis, cross = float(fit.value[axis]), _crossed(fit, axis)
+        if abs(own_axis - 1.0) > MOST_SENSITIVE or np.abs(cross).max() > MOST_CROSSED:
             raise InputError(
                 "lab.accel_crossed", where=where, column=sensor, axis="xyz"[axis], values=tuple(fit.value[:3].tolist())
             )
@@ -305,12 +305,12 @@ def read(files: Sequence[str | Path | Table], how: BenchOptions) -> NineRecord:
     has_gyros = any(f"{name}{end}" in table.columns for name in GYROS for end in ("", "_raw"))
     gyro_unit, gyro = _outputs(table, GYROS, "rad/s") if has_gyros else ("", accel[:, :0])
     settings, time = table.stack("roll", "pitch"), table.get("time")
-    parts = [
+    reduced = [
         reduce_dwells(settings, values, default_limit(output_unit), time, where=table.name)
         for values, output_unit in ((accel, unit), (gyro, gyro_unit or unit))
     ]
-    value, sd, dropped = (np.hstack([getattr(part, name) for part in parts]) for name in ("value", "sd", "dropped"))
-    return NineRecord(table, replace(parts[0], value=value, sd=sd, dropped=dropped), unit, gyro_unit)
+    value, sd, dropped = (np.hstack([getattr(part, name) for part in reduced]) for name in ("value", "sd", "dropped"))
+    return NineRecord(table, replace(reduced[0], value=value, sd=sd, dropped=dropped), unit, gyro_unit)
 
 
 def _outputs(table: BenchTable, names: Sequence[str], unit: str) -> tuple[str, FloatArray]:
@@ -370,9 +370,9 @@ def _gyro_parameters(gyros: Mapping[str, Fit], unit: str) -> tuple[Quantity, ...
     kinds = (("bias", shown, 1.0), *((f"feels {axis}", f"{shown}/g", G0) for axis in "xyz"))
     items = []
     for name, line in gyros.items():
-        for (what, own, per), *row in zip(kinds, line.value, line.sd, line.half_width(), strict=True):
-            value, *spread = (float(each) * per / factor for each in row)
-            items.append(calibration.measured(f"{name} {what}", value, own, *spread))
+        for (quantity, unit_text, per), *row in zip(kinds, line.value, line.sd, line.half_width(), strict=True):
+            value, *spread = (float(figure) * per / factor for figure in row)
+            items.append(calibration.measured(f"{name} {quantity}", value, unit_text, *spread))
     return tuple(items)
 
 
@@ -391,7 +391,7 @@ def _parameters(found: NinePositions, unit: str, zero: FloatArray, scale: FloatA
     if unit != "m/s^2":
         for sensor, axis, line, k in zip(SENSORS, AXIS, found.fits, scale, strict=True):
             value, *spread = (
-                G0 * float(each) for each in (k, *(abs(k) * e[axis] for e in (line.sd, line.half_width())))
+                G0 * float(figure) for figure in (k, *(abs(k) * e[axis] for e in (line.sd, line.half_width())))
             )
             items.append(calibration.measured(f"{sensor} scale factor", value, f"{unit}/g", *spread))
     half = found.half_width(found.accel_matrix_sd, first_order=False)

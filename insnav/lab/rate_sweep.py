@@ -104,7 +104,7 @@ def read_sweeps(paths: Sequence[str | Path | Table], how: BenchOptions = calibra
         if reduced.raw:
             warnings += calibration.few("samples of a dwell", int(reduced.count.min()), USUAL_SAMPLES, table.name)
         dwells.append(reduced)
-    joined = (np.concatenate([getattr(each, part.name) for each in dwells]) for part in fields(Dwells))
+    joined = (np.concatenate([getattr(dwell_set, part.name) for dwell_set in dwells]) for part in fields(Dwells))
     return SweepRecord(tables, Dwells(*joined), unit, tuple(warnings))
 
 
@@ -123,21 +123,21 @@ def check_rates(rate: FloatArray, own: Sequence[IntArray], where: str) -> tuple[
     """
     warnings: list[Finding] = []
     for axis, rows in zip("xyz", own, strict=True):
-        different, gyro = np.unique(rate[rows, "xyz".index(axis)]), f"gyro {axis}"
-        if different.size < FEWEST:
-            values: dict[str, Any] = {"axis": axis, "count": different.size, "limit": FEWEST}
-            raise InputError("lab.no_sweep" if different.size < 2 else "lab.short_sweep", where=where, **values)
-        if different[0] >= 0.0 or different[-1] <= 0.0:
+        distinct, gyro = np.unique(rate[rows, "xyz".index(axis)]), f"gyro {axis}"
+        if distinct.size < FEWEST:
+            values: dict[str, Any] = {"axis": axis, "count": distinct.size, "limit": FEWEST}
+            raise InputError("lab.no_sweep" if distinct.size < 2 else "lab.short_sweep", where=where, **values)
+        if distinct[0] >= 0.0 or distinct[-1] <= 0.0:
             raise InputError(
-                "lab.one_sided_sweep", where=where, axis=axis, low_rad_s=different[0], high_rad_s=different[-1]
+                "lab.one_sided_sweep", where=where, axis=axis, low_rad_s=distinct[0], high_rad_s=distinct[-1]
             )
-        if different.size < FEWEST_FOR_MAP:
-            count, limit = different.size, FEWEST_FOR_MAP
+        if distinct.size < FEWEST_FOR_MAP:
+            count, limit = distinct.size, FEWEST_FOR_MAP
             warnings.append(Finding.of(Code.BENCH_NO_MAP, subject=gyro, count=count, limit_count=limit))
         else:
-            warnings += calibration.few("rates", different.size, USUAL, gyro)
-        if -different[0] < 0.5 * different[-1] or different[-1] < -0.5 * different[0]:
-            low, high = different[0], different[-1]
+            warnings += calibration.few("rates", distinct.size, USUAL, gyro)
+        if -distinct[0] < 0.5 * distinct[-1] or distinct[-1] < -0.5 * distinct[0]:
+            low, high = distinct[0], distinct[-1]
             warnings.append(Finding.of(Code.BENCH_ONE_SIDED, subject=gyro, low_rad_s=low, high_rad_s=high))
     return tuple(warnings)
 
@@ -151,39 +151,39 @@ def saturated(rate: FloatArray, output: FloatArray, sd: FloatArray) -> tuple[Boo
     `rate` (n,): about the gyro's own axis [deg/s]. `output` (n,): mean outputs. `sd` (n,): their standard deviations.
     Returns lost (n,): True if saturated; dropped: saturated rates, with reason.
     """
-    different, index = np.unique(rate, return_inverse=True)
+    distinct, index = np.unique(rate, return_inverse=True)
     count = np.bincount(index)
     mean = np.bincount(index, output) / count
     noise = np.sqrt(np.bincount(index, sd**2)) / count
-    slope = np.diff(mean) / np.diff(different)
-    usual = float(np.median(slope))
-    if usual == 0.0:
+    slope = np.diff(mean) / np.diff(distinct)
+    median_slope = float(np.median(slope))
+    if median_slope == 0.0:
         return np.zeros(rate.size, dtype=np.bool_), ()
-    share = slope / usual
-    share_sd = np.hypot(noise[1:], noise[:-1]) / (np.diff(different) * abs(usual))
+    share = slope / median_slope
+    share_sd = np.hypot(noise[1:], noise[:-1]) / (np.diff(distinct) * abs(median_slope))
     flat = share + _SURE * share_sd < FLAT
-    lost = np.zeros(rate.size, dtype=np.bool_)
+    saturated_rows = np.zeros(rate.size, dtype=np.bool_)
     dropped = []
     for sense in (1.0, -1.0):
-        outer = different[1:] if sense > 0.0 else -different[:-1]  # of each step, the outer end in this sense
+        outer = distinct[1:] if sense > 0.0 else -distinct[:-1]  # of each step, the outer end in this sense
         ends = outer[flat & (outer > 0.0)]
         if ends.size == 0:
             continue
         first = float(ends.min())
         # the previous rate may already be at the limit, though the output still grew up to it
-        row = int(np.flatnonzero(different == sense * first)[0])
+        row = int(np.flatnonzero(distinct == sense * first)[0])
         inner_row = row - int(sense)
         if abs(mean[row] - mean[inner_row]) < max(
-            _AT_STOP * abs(usual * (different[row] - different[inner_row])),
+            _AT_STOP * abs(median_slope * (distinct[row] - distinct[inner_row])),
             _SURE * float(np.hypot(noise[row], noise[inner_row])),
         ):
-            first = sense * float(different[inner_row])
-        lost |= sense * rate >= first
-        for value in different[sense * different >= first]:
-            excess = float(mean[different == value][0] - _extended(different, mean, sense * first, sense, float(value)))
+            first = sense * float(distinct[inner_row])
+        saturated_rows |= sense * rate >= first
+        for value in distinct[sense * distinct >= first]:
+            excess = float(mean[distinct == value][0] - _extended(distinct, mean, sense * first, sense, float(value)))
             reason = Finding.of(Code.BENCH_RATE_FLAT, limit_share=FLAT)
             dropped.append(Dropped(float(value), excess, float("nan"), reason))
-    return lost, tuple(sorted(dropped, key=lambda item: item.rate))
+    return saturated_rows, tuple(sorted(dropped, key=lambda item: item.rate))
 
 
 def _extended(rate: FloatArray, output: FloatArray, first: float, sense: float, at: float) -> float:
@@ -269,14 +269,14 @@ class Pieces:
     def room(self, piece: int) -> tuple[float, float]:
         """Return the range of intercepts of a piece, counted from 0, for which all borders stay in order."""
         move = np.zeros(self.knot.size)  # shift of each border per unit of the intercept
-        for border, other in ((piece, piece - 1), (piece + 1, piece + 1)):
+        for border, neighbour in ((piece, piece - 1), (piece + 1, piece + 1)):
             if 0 < border < self.knot.size - 1:
-                move[border] = -1.0 / (self.slope[piece] - self.slope[other])
+                move[border] = -1.0 / (self.slope[piece] - self.slope[neighbour])
         with np.errstate(divide="ignore"):
             limit = -np.diff(self.knot) / np.diff(move)
         room = limit[np.isfinite(limit)]
-        own = float(self.intercept[piece])
-        return own + max(room[room < 0.0], default=-np.inf), own + min(room[room > 0.0], default=np.inf)
+        intercept = float(self.intercept[piece])
+        return intercept + max(room[room < 0.0], default=-np.inf), intercept + min(room[room > 0.0], default=np.inf)
 
     def with_intercept(self, piece: int, intercept: float, x: FloatArray) -> Pieces:
         """Move one piece up or down; its neighbours keep their lines and meet it at other borders.
@@ -372,25 +372,25 @@ def _best_border(points: _Points, borders: FloatArray, candidates: FloatArray) -
         allowed &= np.abs(row - other) >= FEWEST_POINTS
     if not allowed.any():
         return None
-    q, rest = _rest(points, borders)
+    q, residual = _rest(points, borders)
     hinges = _hinges(points, candidates[allowed])
     orthogonal = hinges - q @ (q.T @ hinges)
     length = np.sum(orthogonal**2, axis=0)
     distinct = length > 1e-12 * np.sum(hinges**2, axis=0)
-    gain = np.where(distinct, (rest @ orthogonal) ** 2 / np.maximum(length, 1e-300), 0.0)
+    gain = np.where(distinct, (residual @ orthogonal) ** 2 / np.maximum(length, 1e-300), 0.0)
     return float(candidates[allowed][int(np.argmax(gain))])
 
 
 def _moved(points: _Points, borders: FloatArray, candidates: FloatArray) -> FloatArray:
     """Move each border in turn to its best position given the others, until convergence."""
     for _ in range(_ROUNDS):
-        before = borders
+        previous = borders
         for i in range(borders.size):
             others = np.delete(borders, i)
             best = _best_border(points, others, candidates)
             if best is not None:
                 borders = np.sort(np.append(others, best))
-        if np.array_equal(before, borders):
+        if np.array_equal(previous, borders):
             break
     return borders
 
@@ -488,16 +488,16 @@ def calibrate_sweeps(
         )
         fits = calibration.affine_fits(bent_rate, output, names, used)
         pieces = _all_pieces(rate, output, used, fits, names)
-    matrix, bias, after = _matrix_errors(rate, output, used, fits)
+    matrix, bias, matrix_error = _matrix_errors(rate, output, used, fits)
     complete = used.all(axis=1, keepdims=True)
     adjusted: list[Adjusted] = []
     for name, value in (intercepts or {}).items():
-        pieces, change = _adjust(pieces, name, value * DEG, rate, np.where(complete, after, np.nan))
+        pieces, change = _adjust(pieces, name, value * DEG, rate, np.where(complete, matrix_error, np.nan))
         adjusted.append(change)
-    final = after.copy()
+    final = matrix_error.copy()
     for i, item in enumerate(pieces):
         if item is not None:
-            final[:, i] -= AxisMap(item.knot, item.value).rate_error(rate[:, i] + after[:, i])
+            final[:, i] -= AxisMap(item.knot, item.value).rate_error(rate[:, i] + matrix_error[:, i])
     return SweepCalibration(
         rate=rate,
         output=output,
@@ -510,9 +510,9 @@ def calibrate_sweeps(
         dropped=tuple(dropped),
         pieces=pieces,
         error_line=np.asarray(np.where(complete, output - bias, np.nan) / np.diag(matrix) - rate),
-        error_matrix=after,
+        error_matrix=matrix_error,
         error_map=final,
-        warnings=(*warnings, *shifted_zeros(after, own)),
+        warnings=(*warnings, *shifted_zeros(matrix_error, own)),
         adjusted=tuple(adjusted),
     )
 
@@ -534,9 +534,9 @@ def _adjust(
     assert item is not None
     known = np.isfinite(error[:, gyro])
     true, known_error = rate[known, gyro], error[known, gyro]
-    different, mean, _ = _means(true, known_error)
+    distinct, mean, _ = _means(true, known_error)
     try:
-        moved = item.with_intercept(piece, value, different + mean)
+        moved = item.with_intercept(piece, value, distinct + mean)
     except ConfigError as error:
         error.where = f"--intercept {name}"
         raise
@@ -563,9 +563,9 @@ def fit(record: SweepRecord, how: BenchOptions) -> Calibration[SweepRecord, Swee
     fits = {f"gyro {axis}": gyro_fit for axis, gyro_fit in zip("xyz", result.fits, strict=True)}
     left_out = (Finding.of(Code.BENCH_LEFT_OUT, count=len(result.dropped)),) * bool(result.dropped)
     worse = (
-        Finding.of(Code.BENCH_INTERCEPT, subject=f"{'xyz'[g]}{i + 1}", after_rad_s=after, before_rad_s=before)
-        for g, i, _, _, before, after in map(astuple, result.adjusted)
-        if after > before
+        Finding.of(Code.BENCH_INTERCEPT, subject=f"{'xyz'[g]}{i + 1}", after_rad_s=rms_after, before_rad_s=rms_before)
+        for g, i, _, _, rms_before, rms_after in map(astuple, result.adjusted)
+        if rms_after > rms_before
     )
     warnings = (*left_out, *record.warnings, *result.warnings, *worse, *calibration.badly_conditioned(fits))
     parameters = _parameters(result, record.unit if record.raw else "deg/s")
@@ -586,26 +586,26 @@ def sweep_errors(found: SweepCalibration, unit: str, name: str = "") -> tuple[Im
     scale = np.diag(found.matrix).copy()
     raw = RawScale(unit, found.bias, scale)
     errors = ImuErrors(gyro_matrix=found.matrix / scale[:, None], gyro_raw=raw, gyro_map=gyro_map, name=name)
-    size = np.abs(scale)
-    return errors, CalibrationSd(gyro_bias=bias_sd / size, gyro_matrix=matrix_sd / size[:, None], gyro_map=spread)
+    gain = np.abs(scale)
+    return errors, CalibrationSd(gyro_bias=bias_sd / gain, gyro_matrix=matrix_sd / gain[:, None], gyro_map=spread)
 
 
 def _parameters(found: SweepCalibration, unit: str) -> tuple[Quantity, ...]:
     """Build bias, own scale factor and misalignments of each gyro."""
     items = []
     for i, (axis, line) in enumerate(zip("xyz", found.fits, strict=True)):
-        half, own = line.half_width(), float(line.value[i])
+        half, gain = line.half_width(), float(line.value[i])
         rate = 1.0 if found.raw else DEG
         items.append(measured(f"gyro {axis} bias", line.value[3] / rate, unit, line.sd[3] / rate, half[3] / rate))
         if found.raw:
-            scale = (own * DEG, f"{unit}/(deg/s)", line.sd[i] * DEG, half[i] * DEG)
+            scale = (gain * DEG, f"{unit}/(deg/s)", line.sd[i] * DEG, half[i] * DEG)
             items.append(measured(f"gyro {axis} scale factor", *scale))
         else:
-            error = (1e6 * (own - 1.0), "ppm", 1e6 * line.sd[i], 1e6 * half[i])
+            error = (1e6 * (gain - 1.0), "ppm", 1e6 * line.sd[i], 1e6 * half[i])
             items.append(measured(f"gyro {axis} scale factor error", *error))
         for j, other in enumerate("xyz"):
             if j != i:
-                crossed = (1e3 * line.value[j] / own, "mrad", 1e3 * line.sd[j] / abs(own), 1e3 * half[j] / abs(own))
+                crossed = (1e3 * line.value[j] / gain, "mrad", 1e3 * line.sd[j] / abs(gain), 1e3 * half[j] / abs(gain))
                 items.append(measured(f"gyro {axis} senses {other}", *crossed))
     return tuple(items)
 
@@ -615,16 +615,16 @@ def _matrix_errors(
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return matrix, bias, and error of the rate that they give, (n, 3), NaN if a gyro is saturated."""
     matrix, bias = np.array([fit.value[:3] for fit in fits]), np.array([fit.value[3] for fit in fits])
-    free = np.where(used.all(axis=1, keepdims=True), output - bias, np.nan)
-    return matrix, bias, np.asarray(np.linalg.solve(matrix, free.T).T - rate)
+    unbiased = np.where(used.all(axis=1, keepdims=True), output - bias, np.nan)
+    return matrix, bias, np.asarray(np.linalg.solve(matrix, unbiased.T).T - rate)
 
 
 def _all_pieces(
     rate: FloatArray, output: FloatArray, used: BoolArray, fits: Sequence[Fit], names: Sequence[str]
 ) -> tuple[Pieces | None, ...]:
-    after = _matrix_errors(rate, output, used, fits)[2]
-    good = used.all(axis=1)  # no gyro is saturated
-    return tuple(_pieces(rate[good, i], after[good, i], name) for i, name in enumerate(names))
+    errors = _matrix_errors(rate, output, used, fits)[2]
+    in_range = used.all(axis=1)  # no gyro is saturated
+    return tuple(_pieces(rate[in_range, i], errors[in_range, i], name) for i, name in enumerate(names))
 
 
 def _pieces(rate: FloatArray, error: FloatArray, where: str) -> Pieces | None:
@@ -632,10 +632,10 @@ def _pieces(rate: FloatArray, error: FloatArray, where: str) -> Pieces | None:
 
     In the sweeps about other axes the rate is zero, so the error at rest has most weight.
     """
-    different, mean, count = _means(rate, error)
-    if different.size < FEWEST_FOR_MAP or np.abs(error).max() < ROUNDING * np.abs(rate).max():
+    distinct, mean, count = _means(rate, error)
+    if distinct.size < FEWEST_FOR_MAP or np.abs(error).max() < ROUNDING * np.abs(rate).max():
         return None
-    pieces = fit_pieces(different + mean, mean, count)
+    pieces = fit_pieces(distinct + mean, mean, count)
     if pieces.straight:
         return None
     try:
@@ -647,6 +647,6 @@ def _pieces(rate: FloatArray, error: FloatArray, where: str) -> Pieces | None:
 
 def _means(rate: FloatArray, error: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return the distinct rates, the mean error and the number of dwells at each. `rate`, `error` (n,): [rad/s]."""
-    different, which = np.unique(rate, return_inverse=True)
-    count = np.bincount(which).astype(np.float64)
-    return different, np.bincount(which, error) / count, count
+    distinct, index = np.unique(rate, return_inverse=True)
+    count = np.bincount(index).astype(np.float64)
+    return distinct, np.bincount(index, error) / count, count

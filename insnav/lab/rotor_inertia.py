@@ -121,9 +121,9 @@ def inertia_from_fall(
     squared = time**2
     if (squared <= 2.0 * height / gravity).any():
         row = int(np.argmax(squared <= 2.0 * height / gravity))
-        free = math.sqrt(2.0 * height[row] / gravity)
+        free_fall = math.sqrt(2.0 * height[row] / gravity)
         raise InputError(
-            "lab.faster_than_free", where=where, row=row + 1, height_m=height[row], fall_s=time[row], free_s=free
+            "lab.faster_than_free", where=where, row=row + 1, height_m=height[row], fall_s=time[row], free_s=free_fall
         )
     fit = _slope(height, squared, where)
     factor = 0.5 * mass * gravity * radius**2
@@ -201,9 +201,9 @@ def _suspicions(fit: Fit, x: FloatArray, y: FloatArray, missed: Code) -> tuple[F
     """Report a line that misses the origin, few points, or an outlier."""
     warnings: list[Finding] = []
     if x.size > 3:
-        free = calibration.linear_fit(np.column_stack((np.ones_like(x), x)), y, ("intercept", "slope"))
-        if abs(free.value[0]) > free.half_width(0.99)[0]:
-            warnings.append(Finding.of(missed, intercept_sigma=abs(free.value[0]) / free.sd[0]))
+        affine = calibration.linear_fit(np.column_stack((np.ones_like(x), x)), y, ("intercept", "slope"))
+        if abs(affine.value[0]) > affine.half_width(0.99)[0]:
+            warnings.append(Finding.of(missed, intercept_sigma=abs(affine.value[0]) / affine.sd[0]))
     warnings += calibration.few("measurements", x.size, USUAL)
     return (*warnings, *(calibration.outlier(fit, row) for row in calibration.outliers(fit, x[:, None])))
 

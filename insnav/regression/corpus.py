@@ -219,13 +219,13 @@ class SimulatedSource:
 
     def material(self, seed: int) -> Material:
         """Simulate the recording with the sensor errors of one seed."""
-        made = simulate_recording(self._truth, self._spec, self._gps, seed, faults=self._faults, perfect=self._perfect)
+        drive = simulate_recording(self._truth, self._spec, self._gps, seed, faults=self._faults, perfect=self._perfect)
         return Material(
-            made.imu,
-            made.gps,
+            drive.imu,
+            drive.gps,
             self._spec,
             self._receiver,
-            made.reference,
+            drive.reference,
             np.zeros(3),
             self._exact,
             whole_state=True,
@@ -281,10 +281,10 @@ class RecordedSource:
     def _model(self) -> ImuSpec:
         if self._case.imu != AT_REST:
             return load_imu(self._case.model(self._case.imu))
-        rest = first_stationary(self._imu, with_sd(self._gps)[0])
-        if rest is None:
+        stationary = first_stationary(self._imu, with_sd(self._gps)[0])
+        if stationary is None:
             raise InputError("regress.never_stationary", where=self._case.name)
-        return identify(self._imu, *rest)[0]
+        return identify(self._imu, *stationary)[0]
 
     def material(self, seed: int) -> Material:
         """Return the recording; if the case has generated fixes, they have the noise of this seed."""

@@ -188,9 +188,9 @@ def settled(solution: Trajectory, material: Material) -> FloatArray:
 def errors_of(solution: Trajectory, time: FloatArray, material: Material) -> TrajectoryErrors:
     """Compute errors at these reference times; NaN below `min_speed`, and where the reference is too inaccurate."""
     first, last = np.searchsorted(material.truth.time, [time[0], time[-1] + 1e-9])
-    part = material.truth.rows(slice(first, last))
+    reference = material.truth.rows(slice(first, last))
     lever_b = material.truth_lever_b if material.truth_lever_b.any() else None
-    errors = position_errors(solution, part, lever_b=lever_b)
+    errors = position_errors(solution, reference, lever_b=lever_b)
     position, velocity, attitude = errors.position.copy(), errors.velocity.copy(), errors.attitude.copy()
     if material.remove_offset:
         position -= np.median(position, axis=0)
@@ -254,9 +254,9 @@ def _fixes(run: Run, edges: FloatArray) -> dict[str, FloatArray]:
     for group, unit, columns in (("position", "m", slice(0, 3)), ("velocity", "m_s", slice(3, 6))):
         nis, used = getattr(processed, f"nis_{group}"), getattr(processed, f"used_{group}")
         known = np.isfinite(nis)
-        size = _likely_size(processed.innovation[:, columns], processed.sd[:, columns])
+        score = _likely_size(processed.innovation[:, columns], processed.sd[:, columns])
         metrics[f"innovation_{group}_{unit}"] = np.array(
-            [math.exp(_mean(size[rows & np.isfinite(size)])) for rows in pieces]
+            [math.exp(_mean(score[rows & np.isfinite(score)])) for rows in pieces]
         )
         metrics[f"nis_{group}"] = np.array([_mean(nis[rows & used & known]) / 3.0 for rows in pieces])
         rejected += [np.count_nonzero(rows & known & ~used) for rows in pieces]
@@ -352,9 +352,9 @@ def joined(parts: Sequence[Measured]) -> Measured:
     missing = np.array([np.nan])
     values = {key: np.concatenate([part.values.get(key, missing) for part in parts]) for key in order}
     spread = np.array([part.spread for part in parts])
-    known = np.isfinite(spread)
-    count = known.sum(axis=0)
-    mean = np.where(count > 0, np.where(known, spread, 0.0).sum(axis=0) / np.maximum(count, 1), np.nan)
+    finite = np.isfinite(spread)
+    count = finite.sum(axis=0)
+    mean = np.where(count > 0, np.where(finite, spread, 0.0).sum(axis=0) / np.maximum(count, 1), np.nan)
     return Measured(values, np.sum([part.growth for part in parts], axis=0), mean)
 
 

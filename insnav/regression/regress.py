@@ -161,8 +161,8 @@ def regress(
     accuracy = run_corpus(
         drives, recorded, quick=quick, workers=workers, progress=lambda fraction: stage("navigating", fraction)
     )
-    found = Regression(accuracy, baseline, origin(file.parent), tuple(history))
+    result = Regression(accuracy, baseline, origin(file.parent), tuple(history))
     if not quick:
-        found = replace(found, history=tuple(with_entry(history, entry(accuracy, found.comparison, found.origin))))
+        result = replace(result, history=tuple(with_entry(history, entry(accuracy, result.comparison, result.origin))))
     options = {"corpus": file, "data": recorded, "reports": folder, "quick": quick}
-    return Result("regression", found, options=options)
+    return Result("regression", result, options=options)

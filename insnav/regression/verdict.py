@@ -216,11 +216,11 @@ def compare(result: Accuracy, baseline: Baseline) -> Comparison:
 
 
 def _shifts(name: str, now: CaseResult, then: CaseResult) -> Iterator[tuple[str, Metric, float, float, Shift]]:
-    before, after = then.measured.values, now.measured.values
-    for metric in (item for item in METRICS if item.key in before and item.key in after):
+    old_values, new_values = then.measured.values, now.measured.values
+    for metric in (item for item in METRICS if item.key in old_values and item.key in new_values):
         # a quick run has fewer seeds: the first n are common to both
-        n = min(len(before[metric.key]), len(after[metric.key]))
-        old, new = before[metric.key][:n], after[metric.key][:n]
+        n = min(len(old_values[metric.key]), len(new_values[metric.key]))
+        old, new = old_values[metric.key][:n], new_values[metric.key][:n]
         known = np.isfinite(old) & np.isfinite(new)
         old, new = old[known], new[known]
         change = _cpu(old, new) if metric.kind == "cpu" else shift(old, new, metric, pieces=now.pieces)

@@ -110,10 +110,10 @@ def measure_activity(imu: ImuData) -> Activity:
         raise InputError("lab.poses_short", count=imu.time.size, interval_s=interval, rate_hz=FEWEST / WINDOW)
     variance = moving_variance(imu.accel, window).sum(axis=1)
     variance[: window // 2] = variance[-(window // 2) :] = np.inf  # these have no whole window
-    known = variance[np.isfinite(variance)]
+    finite = variance[np.isfinite(variance)]
     # a simulated record without noise has no variance at rest: the lower limit is the level of rounding
-    floor = max(float(np.quantile(known, QUIET_SHARE)), 1e-12 * float(np.mean(imu.accel**2)), np.finfo(float).tiny)
-    contrast = float(np.quantile(known, 1.0 - QUIET_SHARE)) / floor
+    floor = max(float(np.quantile(finite, QUIET_SHARE)), 1e-12 * float(np.mean(imu.accel**2)), np.finfo(float).tiny)
+    contrast = float(np.quantile(finite, 1.0 - QUIET_SHARE)) / floor
     if contrast < CONTRAST:
         raise InputError("lab.no_contrast", ratio=np.sqrt(contrast))
     return Activity(variance / floor, interval)
@@ -133,14 +133,14 @@ def find_poses(imu: ImuData, activity: Activity, factor: float) -> tuple[Pose, .
         return ()
     force = np.array([pose.force for pose in candidates])
     spread = float(np.linalg.norm(force - force.mean(axis=0), axis=1).max())
-    kept = candidates[:1]
+    poses = candidates[:1]
     for pose in candidates[1:]:
-        change = float(np.linalg.norm(pose.force - kept[-1].force))
-        if pose.start - kept[-1].end > KNOCK or change > SAME_POSE * spread:
-            kept.append(pose)
-        elif pose.count > kept[-1].count:
-            kept[-1] = pose
-    return tuple(kept)
+        change = float(np.linalg.norm(pose.force - poses[-1].force))
+        if pose.start - poses[-1].end > KNOCK or change > SAME_POSE * spread:
+            poses.append(pose)
+        elif pose.count > poses[-1].count:
+            poses[-1] = pose
+    return tuple(poses)
 
 
 def clipped(values: FloatArray, moving: BoolArray) -> BoolArray:
@@ -279,10 +279,10 @@ def first_guess(turns: Turns, bias: FloatArray, up: FloatArray, counts: bool) ->
         for signs in itertools.product((1.0, -1.0), repeat=3)
         for s in scales
     ]
-    least, order, signs = min(alternatives, key=lambda item: item[0])
-    if least < 0.5 * best and least < MISFIT:
+    smallest, order, signs = min(alternatives, key=lambda item: item[0])
+    if smallest < 0.5 * best and smallest < MISFIT:
         columns = tuple(f"{'+' if signs[o] > 0 else '-'}{AXES[o]}" for o in order)
-        raise InputError("lab.gyros_exchanged", axes=columns, angle_rad=least, before_rad=best)
+        raise InputError("lab.gyros_exchanged", axes=columns, angle_rad=smallest, before_rad=best)
     raise InputError("lab.turns_unseen", angle_rad=best, option="" if counts else "--counts")
 
 
@@ -495,10 +495,10 @@ def _whole_covariance(
     so that it counts only once.
     """
     force = np.array([pose.force for pose in poses])
-    felt = corrected(fit.triad, imu.accel)
+    f_b = corrected(fit.triad, imu.accel)
 
     def misfit(accel: Triad, bias: FloatArray, sensitivity: FloatArray) -> FloatArray:
-        turns = prepare(replace(imu, gyro=imu.gyro - felt @ sensitivity.T), poses, damaged)
+        turns = prepare(replace(imu, gyro=imu.gyro - f_b @ sensitivity.T), poses, damaged)
         return residuals(rotations(turns, bias, fine.matrix), _directions(accel, force))[turns.use].ravel()
 
     nominal = misfit(fit.triad, rest.bias, rest.g_sensitivity)

@@ -99,12 +99,12 @@ def calibrate_six_positions(
     sign = np.sign(np.diag(integral))
     _refuse_turns(integral, turn, counts)
     matrix = integral / (sign * turn)
-    size = np.abs(np.diag(matrix))
+    scale = np.abs(np.diag(matrix))
     duration = np.array([imu.time[bounds[n][1] - 1] - imu.time[bounds[n][0]] for n in TURNS])
     # off the diagonal, turn axes are as inaccurate as positions; on the diagonal, the angle of the turn counts
-    matrix_sd = np.where(np.eye(3, dtype=bool), TURN_SD / turn, tilt) * size[:, None]
+    matrix_sd = np.where(np.eye(3, dtype=bool), TURN_SD / turn, tilt) * scale[:, None]
     matrix_sd = np.hypot(matrix_sd, bias_sd[:, None] * duration / turn)
-    gyro = Triad(bias, matrix, bias_sd, matrix_sd, float(np.linalg.cond(matrix / size[:, None])))
+    gyro = Triad(bias, matrix, bias_sd, matrix_sd, float(np.linalg.cond(matrix / scale[:, None])))
     ideal = _ideal(g)
     corrected_force = corrected(accel, force)
     uncalibrated = force if not counts else (force - accel.bias.mean()) / np.diag(accel.matrix).mean()
@@ -149,14 +149,12 @@ def _accelerometers(force: FloatArray, poses: list[Pose], g: float) -> tuple[Tri
     cross = ~np.eye(3, dtype=bool)
     tilt = float(np.sqrt(2.0 * np.mean(((mean - bias) / scale)[cross] ** 2)) / g)
     noise = np.array([pose.force_sd / np.sqrt(pose.count) for pose in poses])
-    pair_sd = np.sqrt(np.diag(noise[0::2] ** 2 + noise[1::2] ** 2)) / 2.0
+    pair = np.sqrt(np.diag(noise[0::2] ** 2 + noise[1::2] ** 2)) / 2.0
     # a tilt of t lowers the specific force of a vertical axis by 1 - cos t
-    tilt_error = np.abs(scale) * g * tilt**2 / np.sqrt(2.0)
-    matrix_sd = np.where(
-        cross, np.abs(scale)[:, None] * tilt / np.sqrt(2.0), np.diag(np.hypot(pair_sd, tilt_error) / g)
-    )
+    tilt_sd = np.abs(scale) * g * tilt**2 / np.sqrt(2.0)
+    matrix_sd = np.where(cross, np.abs(scale)[:, None] * tilt / np.sqrt(2.0), np.diag(np.hypot(pair, tilt_sd) / g))
     condition = float(np.linalg.cond(matrix / scale[:, None]))
-    return Triad(bias, matrix, np.hypot(pair_sd, tilt_error), matrix_sd, condition), tilt
+    return Triad(bias, matrix, np.hypot(pair, tilt_sd), matrix_sd, condition), tilt
 
 
 def _refuse_positions(force: FloatArray, accel: Triad, g: float) -> None:
@@ -378,9 +376,9 @@ def _in_si(triad: Triad, counts: bool) -> tuple[Triad, float]:
     if not counts:
         return triad, 1.0
     scale = float(np.mean(np.diag(triad.matrix)))
-    size = abs(scale)
+    gain = abs(scale)
     bias = (triad.bias - triad.bias.mean()) / scale
-    return Triad(bias, triad.matrix / scale, triad.bias_sd / size, triad.matrix_sd / size, triad.condition), scale
+    return Triad(bias, triad.matrix / scale, triad.bias_sd / gain, triad.matrix_sd / gain, triad.condition), scale
 
 
 def _parameters(found: Found) -> tuple[Quantity, ...]:
@@ -417,12 +415,12 @@ def _pose_warnings(found: PosesCalibration) -> list[Finding]:
     unused = int(np.count_nonzero(~found.turn_used))
     if unused:
         warnings.append(Finding.of(Code.BENCH_UNUSED_TURNS, count=unused))
-    for what, fitted, other in (
+    for what, fitted, left_out in (
         ("gravity", found.norm_after, found.norm_left_out),
         ("turns", found.turn_after[found.turn_used], found.turn_left_out[found.turn_used]),
     ):
-        if rms(other) > OVERFIT * rms(fitted):
-            ratio = rms(other) / rms(fitted)
+        if rms(left_out) > OVERFIT * rms(fitted):
+            ratio = rms(left_out) / rms(fitted)
             warnings.append(Finding.of(Code.BENCH_OVERFIT, ratio=ratio, limit_ratio=OVERFIT, what=what))
     drift = np.abs(found.gyro_drift)
     if (drift > DRIFT * np.abs(np.linalg.solve(found.gyro.matrix, found.gyro.bias_sd))).any():

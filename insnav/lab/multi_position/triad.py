@@ -142,16 +142,16 @@ def sphere(force: FloatArray, g: float) -> Triad:
     not lie around a sphere.
     """
     middle = force.mean(axis=0)
-    size = float(np.abs(force - middle).max()) or 1.0  # unscaled counts around 32768 would lose half the digits
-    x = (force - middle) / size
+    half_range = float(np.abs(force - middle).max()) or 1.0  # unscaled counts around 32768 would lose half the digits
+    x = (force - middle) / half_range
     solution, _, rank, singular = np.linalg.lstsq(
         np.column_stack((2.0 * x, np.ones(len(x)))), np.sum(x * x, axis=1), rcond=None
     )
     square = float(solution[3] + solution[:3] @ solution[:3])
     if rank < 4 or singular[-1] < 1e-3 * singular[0] or square <= 0.0:
         raise InputError("lab.poses_in_plane")
-    scale = size * float(np.sqrt(square)) / g
-    return Triad(middle + size * solution[:3], scale * np.eye(3))
+    scale = half_range * float(np.sqrt(square)) / g
+    return Triad(middle + half_range * solution[:3], scale * np.eye(3))
 
 
 def packed(triad: Triad) -> FloatArray:
@@ -195,15 +195,15 @@ def fit_gravity_norm(force: FloatArray, g: float, start: Triad) -> GravityFit:
     n = force.shape[0]
     if n <= PARAMETERS:
         raise InputError("lab.few_poses", count=n, parameters=PARAMETERS)
-    before = normal(norm_jacobian(packed(start), force))
-    _refuse_singular(before, g)
+    initial = normal(norm_jacobian(packed(start), force))
+    _refuse_singular(initial, g)
     # scaled by the lengths of the columns, since biases in counts are 1e4 and misalignments 1e-4
     solution = least_squares(
         lambda p: norm_error(unpacked(p), force, g),
         packed(start),
         jac=lambda p: norm_jacobian(p, force),
         method="lm",
-        x_scale=1.0 / before.scale,
+        x_scale=1.0 / initial.scale,
         xtol=1e-14,
         ftol=1e-14,
         gtol=1e-14,

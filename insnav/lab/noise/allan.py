@@ -115,10 +115,10 @@ class AllanDeviation:
 
 def between(imu: ImuData, start: float, end: float) -> ImuData:
     """Cut a part out of a record. `start`, `end`: both included [s]. Raises: InputError: fewer than two samples."""
-    kept = (imu.time >= start) & (imu.time <= end)
-    if np.count_nonzero(kept) < 2:
+    inside = (imu.time >= start) & (imu.time <= end)
+    if np.count_nonzero(inside) < 2:
         raise InputError("lab.empty_part", begin=start, end=end, first_s=imu.time[0], last_s=imu.time[-1])
-    return imu.rows(kept)
+    return imu.rows(inside)
 
 
 def even_record(imu: ImuData) -> EvenRecord:
@@ -146,9 +146,9 @@ def even_record(imu: ImuData) -> EvenRecord:
         else:
             borders = np.concatenate([[0], gap_rows, [time.size]])
             longest = int(np.argmax(np.diff(borders)))
-            part = slice(int(borders[longest]), int(borders[longest + 1]))
+            span = slice(int(borders[longest]), int(borders[longest + 1]))
             share = np.diff(borders).max() / time.size
-            values, time = values[part], time[part]
+            values, time = values[span], time[span]
             notes.append(Finding.of(Code.ALLAN_LONGEST_STRETCH, time[0], time[-1], gaps=gap_rows.size, share=share))
             _refuse_short("lab.allan_short_stretch", time.size)
     interval = float((time[-1] - time[0]) / (time.size - 1))
@@ -221,9 +221,9 @@ def smallest_step(values: FloatArray) -> FloatArray:
     """Find the resolution of each column: the smallest difference of its values, or zero. `values` (n, c)."""
     steps = np.zeros(values.shape[1])
     for column in range(values.shape[1]):
-        different = np.unique(values[: 1 << 17, column])
-        if 1 < different.size < 0.5 * min(len(values), 1 << 17):  # otherwise all samples differ: no steps
-            gaps = np.diff(different)
+        distinct = np.unique(values[: 1 << 17, column])
+        if 1 < distinct.size < 0.5 * min(len(values), 1 << 17):  # otherwise all samples differ: no steps
+            gaps = np.diff(distinct)
             steps[column] = float(np.min(gaps[gaps > 1e-6 * gaps.max()]))
     return steps
 
@@ -240,10 +240,10 @@ def covariance(
     """
     out = np.zeros((factors.size, factors.size))
     scaled = squares * interval ** np.array([-2.0, -1.0, 0.0, 1.0, 0.0])
-    size = float(scaled.max()) or 1.0
+    largest = float(scaled.max()) or 1.0
     time = correlation_time / interval if np.isfinite(correlation_time) else 1.0
-    variance_covariance(factors, n + 1, scaled / size, time, diagonal, out)
-    return out * size**2
+    variance_covariance(factors, n + 1, scaled / largest, time, diagonal, out)
+    return out * largest**2
 
 
 def freedom(variance: FloatArray, estimate_variance: FloatArray) -> FloatArray:
@@ -458,8 +458,8 @@ def _coefficients(fit: _Fit) -> dict[str, Coefficient]:
 def _chosen(allan: AllanDeviation) -> IntArray:
     """Choose rows for the fit: about `PER_DECADE` per decade of averaging time, with both ends of the range."""
     tau = allan.tau[allan.factors * FITTED_PART <= allan.n]
-    wanted = np.geomspace(tau[0], tau[-1], max(4, 1 + round(PER_DECADE * math.log10(tau[-1] / tau[0]))))
-    return np.unique([int(np.argmin(np.abs(np.log(tau / each)))) for each in wanted])
+    targets = np.geomspace(tau[0], tau[-1], max(4, 1 + round(PER_DECADE * math.log10(tau[-1] / tau[0]))))
+    return np.unique([int(np.argmin(np.abs(np.log(tau / target)))) for target in targets])
 
 
 @dataclass(frozen=True, slots=True)
@@ -511,11 +511,11 @@ class _Fitter:
                 break
             squares, time = self._again(allowed, squares, time, 1)
         while True:  # drop the term of least significance, until all are significant
-            kept = squares > 0.0
+            present = squares > 0.0
             full = self._weights(squares, time).likelihood(self.seen, self._basis(time) @ squares)
             reductions = []
-            for index in np.flatnonzero(kept):
-                without = kept.copy()
+            for index in np.flatnonzero(present):
+                without = present.copy()
                 without[index] = False
                 if without.any():
                     fitted = self._again(without, *self._solve(without, self._weights(squares, time), time), FEW_ROUNDS)
@@ -590,12 +590,12 @@ class _Fitter:
 
     def _solve(self, allowed: BoolArray, weights: Weights, time: float) -> tuple[FloatArray, float]:
         """Find the squares, none negative, and the correlation time of least chi-square."""
-        seen = weights.inverse @ self.seen
+        measured = weights.inverse @ self.seen
 
         def at(time: float) -> tuple[float, FloatArray]:
             white = weights.inverse @ self._basis(time)[:, allowed]
             scale = np.linalg.norm(white, axis=0)
-            part, left = nnls(white / scale, seen)
+            part, left = nnls(white / scale, measured)
             squares = np.zeros(6)
             squares[allowed] = part / scale
             return left, squares

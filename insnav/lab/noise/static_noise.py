@@ -128,11 +128,11 @@ def temperature_correlation(values: FloatArray, temperature: FloatArray) -> Floa
     """
     bins = 60
     length = len(values) // bins
-    parts = np.column_stack([values, temperature])[: bins * length].reshape(bins, length, -1).mean(axis=1)
-    parts -= parts.mean(axis=0)
-    size = np.linalg.norm(parts, axis=0)
+    means = np.column_stack([values, temperature])[: bins * length].reshape(bins, length, -1).mean(axis=1)
+    means -= means.mean(axis=0)
+    norm = np.linalg.norm(means, axis=0)
     with np.errstate(divide="ignore", invalid="ignore"):
-        correlation = parts[:, :-1].T @ parts[:, -1] / (size[:-1] * size[-1])
+        correlation = means[:, :-1].T @ means[:, -1] / (norm[:-1] * norm[-1])
     return np.asarray(np.nan_to_num(correlation))
 
 
@@ -179,12 +179,12 @@ def signal_noise(
     `interval`: step [s]. `taus`: averaging times [s], see `averaging_factors`.
     Raises: ConfigError: averaging times that are too long for the signals.
     """
-    factors, usual = (
+    factors, default = (
         noise.averaging_factors(len(values), interval, taus),
         noise.averaging_factors(len(values), interval),
     )
     allan = noise.allan_deviation(values, interval, factors, workers)
-    fitted = allan if np.array_equal(usual, factors) else noise.allan_deviation(values, interval, usual, workers)
+    fitted = allan if np.array_equal(default, factors) else noise.allan_deviation(values, interval, default, workers)
     constant = np.ptp(values, axis=0) == 0.0
     sinusoids = [() if silent else _seen(values[:, i], fitted, i) for i, silent in enumerate(constant)]
     fitted = _without(values, sinusoids, fitted, workers)
@@ -199,15 +199,15 @@ def signal_noise(
 def _seen(values: FloatArray, allan: AllanDeviation, column: int) -> tuple[Sinusoid, ...]:
     """Find the sinusoids of a signal that noticeably affect its Allan deviation."""
     variance = noise.SEEN * allan.deviation[:, column] ** 2
-    found = noise.find_sinusoids(values, allan.interval)
-    return tuple(line for line in found if np.any(line.variance(allan.tau, allan.interval) > variance))
+    sinusoids = noise.find_sinusoids(values, allan.interval)
+    return tuple(line for line in sinusoids if np.any(line.variance(allan.tau, allan.interval) > variance))
 
 
 def _without(
     values: FloatArray, lines: Sequence[tuple[Sinusoid, ...]], allan: AllanDeviation, workers: int | None
 ) -> AllanDeviation:
     """Compute Allan deviations after removal of each signal's sinusoids."""
-    affected = [column for column, each in enumerate(lines) if each]
+    affected = [column for column, sinusoids in enumerate(lines) if sinusoids]
     if not affected:
         return allan
     cleaned, time = values[:, affected], np.arange(len(values), dtype=np.float64) * allan.interval
@@ -262,11 +262,11 @@ def static_noise(
 
 def _refuse_motion(record: EvenRecord) -> None:
     """Refuse a record with motion."""
-    size = max(1, round(1.0 / record.interval))
-    count = len(record.values) // size
+    samples = max(1, round(1.0 / record.interval))
+    count = len(record.values) // samples
     if count < 2:
         return
-    seconds = record.values[: count * size].reshape(count, size, -1).mean(axis=1)
+    seconds = record.values[: count * samples].reshape(count, samples, -1).mean(axis=1)
     # quantiles tolerate single knocks, which are visible in the figure
     span = np.quantile(seconds, 0.95, axis=0) - np.quantile(seconds, 0.05, axis=0)
     moved = [noise.AXES[i] for i in range(len(noise.AXES)) if span[i] > (TURNS if i < 3 else PUSHES)]

@@ -132,17 +132,17 @@ def triad_calibration(
     fits = {name: item.fit for name, item in zip(names, found, strict=True)}
     value, sd = (np.array([getattr(fit, key)[:2] for fit in fits.values()]) for key in ("value", "sd"))
     (zero, scale), (zero_sd, scale_sd) = (np.array(each if len(each) == 3 else [each[0]] * 3).T for each in (value, sd))
-    unit, size = record[0].unit, np.abs(scale)
+    unit, gain = record[0].unit, np.abs(scale)
     known_errors: dict[str, Any]
     if record[0].raw:
         known_errors = {f"{sensor}_raw": RawScale(unit, zero, scale / per)}
     else:
         si = UNITS[unit][1]
         known_errors = {f"{sensor}_bias": zero * si, f"{sensor}_matrix": np.diag(scale / (per / si))}
-    spread: dict[str, Any] = {f"{sensor}_bias": zero_sd / size * per, f"{sensor}_matrix": np.diag(scale_sd / size)}
+    spread: dict[str, Any] = {f"{sensor}_bias": zero_sd / gain * per, f"{sensor}_matrix": np.diag(scale_sd / gain)}
     labels = {name: f"{sensor} {name}" if len(record) == 3 else sensor for name in names}
-    both = zip(labels.values(), record, by_sensor, strict=True)
-    items = [each for name, item, more in both for each in calibration.about(name, (*item.warnings, *more))]
+    groups = zip(labels.values(), record, by_sensor, strict=True)
+    items = [each for name, item, extra in groups for each in calibration.about(name, (*item.warnings, *extra))]
     single = (Finding.of(Code.BENCH_ONE_SENSOR, subject=sensor),) * (len(record) == 1)
     warnings = (*items, *calibration.badly_conditioned({labels[name]: fit for name, fit in fits.items()}), *single)
     units = [f"{unit}{each}" for each in per_units]
@@ -334,8 +334,8 @@ def _dropped(rate: float, output: float, fit: Fit, probability: float, reason: F
 
 def _refuse_nonsense(rate: FloatArray, output: FloatArray, where: str) -> None:
     if not (np.isfinite(rate).all() and np.isfinite(output).all()):
-        bad = int(np.argmin(np.isfinite(rate) & np.isfinite(output)))
-        raise InputError("lab.value_missing", where=where, row=bad + 1)
+        row = int(np.argmin(np.isfinite(rate) & np.isfinite(output)))
+        raise InputError("lab.value_missing", where=where, row=row + 1)
     if np.unique(rate).size < FEWEST:
         raise InputError("lab.few_rates", where=where, count=np.unique(rate).size, limit=FEWEST)
     if _commanded(output) and not _commanded(rate):
@@ -366,9 +366,9 @@ def calibrate_gyro(record: Record, keep: tuple[float, float] | None = None) -> R
     output in another unit than its column states.
     """
     # rates of a table are round numbers in deg/s: remove the rounding errors of the conversion
-    found = calibrate_rate_table(np.round(record.setting / DEG, 9), record.output, keep, where=record.table.name)
-    refuse_unit(record, float(found.fit.value[1]))
-    return found
+    table = calibrate_rate_table(np.round(record.setting / DEG, 9), record.output, keep, where=record.table.name)
+    refuse_unit(record, float(table.fit.value[1]))
+    return table
 
 
 def rate_table_warnings(found: RateTable) -> tuple[Finding, ...]:

@@ -58,9 +58,9 @@ class Positions:
 def holds_positions(file: str | Path | Table) -> bool:
     """Return whether a table has positions: three outputs, or three true forces and at least one output."""
     table = open_table(file)
-    found, _ = understand(table.headers, table.units, POSITIONS, where=table.name)
-    outputs = {key.replace("raw", "output") for key in found}
-    return {*_OUTPUTS} <= outputs or ({*_TRUE} <= found.keys() and bool({*_OUTPUTS} & outputs))
+    columns, _ = understand(table.headers, table.units, POSITIONS, where=table.name)
+    outputs = {key.replace("raw", "output") for key in columns}
+    return {*_OUTPUTS} <= outputs or ({*_TRUE} <= columns.keys() and bool({*_OUTPUTS} & outputs))
 
 
 def _completed(file: str | Path | Table, columns: Mapping[str, str] | None) -> Table:
@@ -69,26 +69,26 @@ def _completed(file: str | Path | Table, columns: Mapping[str, str] | None) -> T
     In each position one axis is vertical: of the three outputs, its output is closest to an end of its range.
     """
     table = open_table(file)
-    found, _ = understand(table.headers, table.units, POSITIONS, columns=columns, where=table.name)
+    columns_found, _ = understand(table.headers, table.units, POSITIONS, columns=columns, where=table.name)
     units, values = [*(table.units or [""] * len(table.headers))], list[FloatArray]()
     for keys in (_TRUE, _OUTPUTS):
-        own = [found[key].index for key in keys if key in found]
-        values.append(np.column_stack([*table.cells.read(own).columns.values()] or [np.empty(0)]))
-        if len(own) == 3 and not any(found[key].unit for key in keys):
+        numbers = [columns_found[key].index for key in keys if key in columns_found]
+        values.append(np.column_stack([*table.cells.read(numbers).columns.values()] or [np.empty(0)]))
+        if len(numbers) == 3 and not any(columns_found[key].unit for key in keys):
             norm = float(np.median(np.linalg.norm(values[-1], axis=1)))
             candidates = [unit for unit in ("g", "m/s^2") if abs(norm * UNITS[unit][1] / G0 - 1.0) < UNCALIBRATED]
-            units = [candidates[0] if candidates and i in own else unit for i, unit in enumerate(units)]
+            units = [candidates[0] if candidates and i in numbers else unit for i, unit in enumerate(units)]
     true, output = values
-    if true.size or len(own) < 3:
+    if true.size or len(numbers) < 3:
         return replace(table, units=tuple(units))
     deviation = output - 0.5 * (output.max(axis=0) + output.min(axis=0))
     deviation /= np.maximum(np.abs(deviation).max(axis=0), 1e-300)
     force = np.sign(deviation) * (np.abs(deviation) == np.abs(deviation).max(axis=1, keepdims=True))
     if len(np.unique(force, axis=0)) < FEWEST:
         return replace(table, units=tuple(units))
-    headers = *(f"{key}_g" for key in _TRUE), *(table.headers[i] for i in own)
+    headers = *(f"{key}_g" for key in _TRUE), *(table.headers[i] for i in numbers)
     cells = ArrayCells(tuple(np.ascontiguousarray(np.hstack([force, output]).T)), table.cells.line)
-    return replace(table, headers=headers, units=("", "", "", *(units[i] for i in own)), cells=cells)
+    return replace(table, headers=headers, units=("", "", "", *(units[i] for i in numbers)), cells=cells)
 
 
 def read_positions(file: str | Path | Table, how: BenchOptions) -> Positions:
@@ -116,10 +116,10 @@ def fit_positions(record: Positions, how: BenchOptions) -> Calibration[tuple[Pos
         worst = float(scale[wrong][0])
         code = "lab.output_reversed" if worst < 0.0 else "lab.output_unit"
         raise InputError(code, where=where, scale=worst, unit=record.unit)
-    size = np.abs(scale) if raw else np.ones(3)
+    gain = np.abs(scale) if raw else np.ones(3)
     known_errors: dict[str, Any] = {"accel_matrix": matrix / scale[:, None] if raw else matrix}
     known_errors |= {"accel_raw": RawScale(record.unit, bias, scale)} if raw else {"accel_bias": bias}
-    spread = CalibrationSd(accel_bias=bias_sd / size, accel_matrix=matrix_sd / size[:, None])
+    spread = CalibrationSd(accel_bias=bias_sd / gain, accel_matrix=matrix_sd / gain[:, None])
     names = (*(f"sensitivity to {axis}" for axis in "xyz"), "bias")
     axis_fits = tuple(replace(fit, names=names) for fit in axis_fits)
     fits = {f"accelerometer {axis}": fit for axis, fit in zip("xyz", axis_fits, strict=True)}
@@ -238,9 +238,9 @@ def calibrate_accel(record: Record) -> Tumble:
 
     Raises: InputError: see `calibrate_tumble`; or a digital output in another unit than its column states.
     """
-    found = calibrate_tumble(record.setting, record.output, where=record.table.name)
-    refuse_unit(record, float(found.fit.value[1]) / G0)
-    return found
+    tumble = calibrate_tumble(record.setting, record.output, where=record.table.name)
+    refuse_unit(record, float(tumble.fit.value[1]) / G0)
+    return tumble
 
 
 def tumble_warnings(found: Tumble) -> tuple[Finding, ...]:
