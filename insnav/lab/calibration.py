@@ -121,8 +121,7 @@ def linear_fit(design: FloatArray, measured: FloatArray, names: Sequence[str], *
 
     `design` (n, k): derivative of each measurement by each parameter. `measured` (n,): measurements with independent
     errors of equal variance.
-    Raises: InputError: a value that is not finite, no more measurements than parameters, or undetermined parameters, by
-    name.
+    Raises: InputError: a value that is not finite, no more measurements than parameters, or undetermined parameters.
     """
     design = np.asarray(design, dtype=np.float64)
     measured = np.asarray(measured, dtype=np.float64)

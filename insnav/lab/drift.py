@@ -192,8 +192,8 @@ def choose_smoother(values: FloatArray, interval: float) -> Smoother:
     """Choose Q and R by maximum likelihood.
 
     `values` (n,): random part of a rate at rest [rad/s]. `interval`: sampling interval [s]. Q has a lower limit, at
-    which the time constant is a tenth of the record: slower walks are not observable. Raises: InputError: values that
-    do not change.
+    which the time constant is a tenth of the record: slower walks are not observable. Raises: InputError: constant
+    values.
     """
     step = np.diff(values)
     if not np.any(step):

@@ -211,8 +211,7 @@ def calibrate_nine(
 
     `roll`, `pitch` (n,): positions of the table [rad], Forward-Right-Down axes. `measured` (n, 6): accelerometers in
     the order of `SENSORS` [m/s^2]. `gravity`: local gravity [m/s^2].
-    Raises: InputError: positions that leave a parameter undetermined, with positions to add; or columns that contradict
-    their names.
+    Raises: InputError: undetermined parameters, with positions to add; or columns that contradict their names.
     """
     warnings = check_positions(roll, pitch, where)
     force = ideal_force(roll, pitch, gravity)

@@ -336,8 +336,7 @@ class PosesCalibration(MultiPosition):
     accel_share: FloatArray
     # (n - 1,) leverage of each turn on the nine gyro parameters; zero if unused [-]
     gyro_share: FloatArray
-    # (3,) change of the gyro outputs at rest from the first to the last third of the record, without g-sensitivity
-    # [rad/s]
+    # (3,) change of gyro output at rest from the first to the last third of the record, without g-sensitivity [rad/s]
     gyro_drift: FloatArray
 
 
@@ -346,8 +345,7 @@ def calibrate_poses(imu: ImuData, g: float, *, counts: bool = False) -> PosesCal
 
     `imu`: record of at least ten poses, in SI units, or in any units if `counts`. `g`: local gravity
     [m/s^2]. `counts`: sensitivities are unknown, as for raw counts.
-    Raises: InputError: no poses, too few poses, or poses that leave a parameter undetermined; impossible units, axes or
-    signs.
+    Raises: InputError: too few poses, poses that leave a parameter undetermined, or impossible units, axes or signs.
     """
     if imu.sampling == "increment":
         raise InputError("lab.increments")

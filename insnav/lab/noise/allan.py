@@ -14,8 +14,7 @@ such processes. Their Allan variance has a peak, whereas the Allan variance of B
 removed from the samples.
 
 The variances at different times come from the same samples and are strongly correlated. Generalised least squares fits
-the squares of the coefficients, none negative. Its covariance follows from the fitted model, so the fit is repeated
-until both agree.
+the squares of the coefficients, none negative. Its covariance follows from the fitted model, so the fit is iterated.
 
 Sinusoidal noise (vibration, mains, a control loop) of amplitude W0 adds ``sigma^2(tau) = W0^2 (sin^2(pi f0 tau) / (pi
 f0 tau))^2``. With samples every dt, ``pi f0 tau`` in the denominator becomes ``m sin(pi f0 dt)``, tau = m dt. Far below
@@ -235,8 +234,7 @@ def covariance(
 
     `factors` (k,): averaging times [samples]. `n`: number of samples. `interval`: sampling interval [s]. `squares`
     (5,): q^2 [unit^2 s^2], N^2 [unit^2 s], B^2 [unit^2], K^2 [unit^2/s] and variance of a Gauss-Markov process
-    [unit^2]. `correlation_time`: of that process [s]. `diagonal`: fill only the diagonal. Returns (k, k):
-    [unit^4].
+    [unit^2]. `correlation_time`: of that process [s]. `diagonal`: fill only the diagonal. Returns (k, k) [unit^4].
     """
     out = np.zeros((factors.size, factors.size))
     scaled = squares * interval ** np.array([-2.0, -1.0, 0.0, 1.0, 0.0])
@@ -413,8 +411,7 @@ def fit_noise(allan: AllanDeviation, column: int = 0) -> NoiseModel:
     """Fit the noise coefficients of one axis.
 
     `allan`: from `insnav.lab.noise.allan.allan_deviation`; the column must not be all zero. Akaike's criterion chooses
-    between a floor B and a Gauss-Markov process. Terms that lower chi-square by less than 6.63 (significance of 1 %)
-    are dropped.
+    between a floor B and a Gauss-Markov process. Terms that lower chi-square by less than 6.63 (1 %) are dropped.
     """
     rows = _chosen(allan)
     floor, markov = (_Fitter(allan, column, rows).fit(np.array([n != out for n in NAMES])) for out in ("GM", "B"))
