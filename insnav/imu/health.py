@@ -18,7 +18,7 @@ from insnav.kernels.increments import glance
 from insnav.tabular import runs_of
 from insnav.types import BoolArray, FloatArray, ImuData, IntArray
 
-SPIKE_GYRO, SPIKE_ACCEL = 1.5, 9.5  # smaller jumps count only if isolated, unlike vibration [rad/s], [m/s^2]
+SPIKE_GYRO, SPIKE_ACCEL = 1.5, 9.5  # a smaller jump is a spike only if all other axes are quiet [rad/s], [m/s^2]
 SPIKE_FACTOR = 12.0  # least size of a spike, as a multiple of the median change between samples
 # Spike: largest difference of jump and return, relative to the jump. Largest change of other axes, relative to the
 # median change. Number of quiet samples on either side.
@@ -27,7 +27,7 @@ CLIPPED = 3  # least number of successive samples at the largest value of a clip
 STUCK = 20  # least number of successive equal samples of a stuck sensor ...
 STUCK_TIME = 0.5  # ... and least duration [s]
 BRIDGED = 1.0  # longer runs at a limit within the range are kept: a data gap costs more than their error [s]
-UNLIKE = 0.9  # least share of distinct values around such runs: else coarse steps or a dead band explain them
+UNLIKE = 0.9  # least share of distinct values around runs at a limit: else coarse steps or a dead band explain the runs
 COMPARABLE = 2.0  # blocks are comparable if the activities of the other axes differ by at most this factor
 ENOUGH = 10  # least number of comparable blocks for statistics
 UNUSUAL = 0.01  # share of comparable blocks that may be as constant as a stuck sensor
@@ -157,7 +157,7 @@ def _spikes(values: FloatArray, change: FloatArray) -> tuple[IntArray, IntArray,
         spill.by_blocks(lambda one, next_one: (one > limit) & (next_one > limit), change[:-1], change[1:])
     )
     before, after = values[row + 1, axis] - values[row, axis], values[row + 2, axis] - values[row + 1, axis]
-    # jump and return are of similar size
+    # the jump to a spike and the return from it are of similar size
     height = np.minimum(np.abs(before), np.abs(after))
     spike = (before * after < 0.0) & (np.abs(before + after) < RETURN * height)
     row, axis, height = row[spike], axis[spike], height[spike]
@@ -178,7 +178,7 @@ class _Activity:
     motion. A run of them is therefore compared with blocks in which the *other* axes are equally active.
     """
 
-    length: int  # samples per block
+    length: int  # number of samples per block
     square: FloatArray  # (blocks, 6) mean squared change between samples, relative to the mean of the record
 
     @classmethod
@@ -280,7 +280,7 @@ def _frozen(time: FloatArray, same: BoolArray, values: FloatArray, activity: _Ac
     if normal.sum() < ENOUGH:
         return first[:0], count[:0]
     spread = np.column_stack([activity._range(values[:, axis])[normal] for axis in range(6)])
-    if int(np.sum(np.quantile(spread, UNUSUAL, axis=0) > 0.0)) < 4:  # noise-free sensors are constant at rest
+    if int(np.sum(np.quantile(spread, UNUSUAL, axis=0) > 0.0)) < 4:  # all sensors without noise are constant at rest
         return first[:0], count[:0]
     return first, count
 

@@ -39,7 +39,7 @@ from insnav.exceptions import ConfigError
 from insnav.imu.specification import FOLDER, PRESETS, ClockSpec, ImuSpec, InitialSpec, Sensor, SensorSpec, terms_of
 from insnav.units import UNITS
 
-if TYPE_CHECKING:  # loaded only if the IMU is a real part
+if TYPE_CHECKING:  # the library of parts is loaded only if the IMU is a real part
     from insnav.imu.library import Part
 import datetime
 

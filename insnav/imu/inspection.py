@@ -6,7 +6,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 
 import numpy as np
-import scipy  # its parts are loaded on first use
+import scipy  # loads its submodules on first use
 
 from insnav.exceptions import InputError
 from insnav.imu.model import per_sample
@@ -32,7 +32,7 @@ class AxisFigures:
     at_rest: float  # mean while stationary [rad/s] or [m/s^2]; NaN if never stationary
     noise: float  # white noise density while stationary [rad/sqrt(s)] or [m/s/sqrt(s)]; NaN if never stationary
     in_motion: float  # standard deviation of the change between samples, over sqrt(2), while moving
-    largest: float  # largest magnitude
+    largest: float  # largest magnitude of a sample [rad/s] or [m/s^2]
     resolution: float  # distance between neighbouring values of a coarsely quantised sensor; 0 for others
     repeated: float  # share of samples equal to the previous one
 
@@ -42,8 +42,8 @@ class VibrationPeak:
     """Line in the spectrum of the specific force in motion."""
 
     axis: str
-    frequency: float  # [Hz]
-    rms: float  # [m/s^2]
+    frequency: float  # frequency of the line [Hz]
+    rms: float  # root mean square of the line [m/s^2]
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,7 +54,7 @@ class ImuFigures:
     peaks: tuple[VibrationPeak, ...]
     jitter: float  # standard deviation of the intervals, without missing samples [s]
     missing: int  # number of intervals with missing samples
-    gravity_steps: tuple[float, float]  # largest change of specific force from stop to stop [m/s^2], its time [s]
+    gravity_steps: tuple[float, float]  # largest change of specific force from stop to stop [m/s^2], and its time [s]
     jolt: tuple[float, float]  # largest step of specific force within a stop [m/s^2], its time [s]; 0 if usual
 
 
@@ -114,7 +114,7 @@ def _peaks(force: FloatArray, rate: float) -> tuple[VibrationPeak, ...]:
         candidates = np.flatnonzero((ratio > PROMINENT) & (frequency > LOWEST))
         for row in candidates[np.argsort(power[candidates, i])[::-1]][:PEAKS]:
             lobe = slice(max(row - 2, 0), row + 3)
-            if power[row, i] < power[lobe, i].max():  # on the flank of a line
+            if power[row, i] < power[lobe, i].max():  # this bin is on the flank of a stronger line
                 continue
             rms = float(np.sqrt(np.sum(power[lobe, i]) * (frequency[1] - frequency[0])))
             peaks.append(VibrationPeak(axis, float(frequency[row]), rms))

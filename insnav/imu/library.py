@@ -31,7 +31,7 @@ from insnav.imu.specification import SENSORS, TERMS, ImuSpec, SensorSpec, terms_
 from insnav.types import FloatArray
 
 FOLDER = Path(__file__).parent / "parts"
-PROVENANCE = ("datasheet", "Allan", "paper", "filter tuning", "second hand")  # most direct first
+PROVENANCE = ("datasheet", "Allan", "paper", "filter tuning", "second hand")  # kinds of documents, most direct first
 Statistic = Literal["density", "1 sd", "typical", "tolerance", "maximum", "3 sd", "Allan minimum"]
 TO_SD: dict[str, float] = {"tolerance": 0.5, "maximum": 0.5, "3 sd": 1.0 / 3.0, "Allan minimum": 1.0 / 0.664}
 HOUR = 3600.0  # default correlation time [s]
@@ -66,7 +66,7 @@ class Part:
 
     name: str
     maker: str
-    grade: str  # grade of the part; see `insnav.imu.specification`
+    grade: str  # accuracy grade, such as ``consumer``; see `insnav.imu.specification`
     temperature: str  # specified operating range; empty if unknown
     note: str  # doubtful or omitted figures
     figures: tuple[Figure, ...]

@@ -28,9 +28,11 @@ BAND = 4.0, 0.5, 10.0
 # Band of the noise that matters between fixes. An idling engine is above; its oscillation does not build up an angle.
 SLOW = 20.0, 0.1, 0.5
 PIECES = 64  # memory is released after this many pieces
-NYQUIST_PART = 0.8  # highest frequency over the Nyquist frequency: above, anti-aliasing filters lower the floor
-QUANTILE = 0.25  # of the power in the band: estimate of the floor
-LEVELS = 0.1  # a sensor with at most this number of distinct values per sample is coarsely quantised
+NYQUIST_PART = (
+    0.8  # highest frequency of a band over the Nyquist frequency; anti-aliasing filters lower the floor above
+)
+QUANTILE = 0.25  # the floor is this quantile of the power in the band
+LEVELS = 0.1  # a sensor is coarsely quantised if its distinct values are at most this share of its samples
 # Rounding acts as a bias if two neighbouring values have more than this share of the samples [-]. Noise with a
 # third of a step as sd gives this share in the middle of a step, and leaves a tenth of the bias.
 HELD = 0.93
@@ -42,7 +44,7 @@ SAME = 1.5
 # If the gyros' mean at rest agrees with the Earth's rate within this share, biases above the Earth's rate are
 # improbable (below one per cent).
 EARTH_SEEN = 0.1
-_SMALLEST = 1e-12  # SI, far below any sensor: keeps the logarithm of noise-free data finite
+_SMALLEST = 1e-12  # lower limit of noise in SI units, far below any sensor: keeps its logarithm finite
 
 
 def white_noise(
@@ -96,7 +98,7 @@ def _floor(imu: ImuData, rows: slice, interval: float, length: int, band: tuple[
         piece = np.hstack([imu.gyro[samples], imu.accel[samples]])
         if intervals is not None:
             piece /= intervals[samples]
-        if number % PIECES == 0:  # a stop may last for days
+        if number % PIECES == 0:  # limits memory, as a stop may last for days
             spill.release()
         power += np.abs(np.fft.rfft((piece - piece.mean(axis=0)) * window, axis=0)) ** 2
     power *= interval / (count * float(np.sum(window**2)))
@@ -140,7 +142,7 @@ def rounding_changes(imu: ImuData) -> tuple[RoundingChange, ...]:
     variance = np.array([rounding_variance(second_values, step) for second_values in seconds])
     level = np.where(variance > 0.0, [second_values.mean(axis=0) for second_values in seconds], np.inf)
     level_kept, start = np.ones((len(seconds) - 1, 3), dtype=np.bool_), level[0].copy()
-    for second, constant in zip(level[1:], level_kept, strict=True):  # from the start of a run: slow changes add up
+    for second, constant in zip(level[1:], level_kept, strict=True):  # compared with `start`: slow changes add up
         constant[:] = np.isclose(second, start, rtol=0.0, atol=0.25 * step)  # infinite in seconds without rounding bias
         start[~constant] = second[~constant]
     for axis, constant in enumerate(level_kept.T):
@@ -196,7 +198,7 @@ def nearest_preset(
     Returns: `spec`: the preset. On every axis its random walk is at least the measured one. Its gyro bias is at least
     the difference between mean rate and Earth rate.
     """
-    from insnav.imu.imu_file import load_imu  # noise estimation needs no pydantic
+    from insnav.imu.imu_file import load_imu  # imported here, as noise estimation needs no pydantic
 
     excess = 0.0 if mean_rate is None else rate_excess(mean_rate)
     earth_seen = mean_rate is not None and excess + np.max(rounded) < EARTH_SEEN * OMEGA_EARTH

@@ -146,7 +146,7 @@ if TYPE_CHECKING:
         `insnav.imu.specification.TERMS` defines the terms and their dimensions; a missing term is zero.
         """
 
-        correlation_time: float  # of the in-run bias [s]; infinite without such a process
+        correlation_time: float  # correlation time of the in-run bias [s]; infinite without such a process
         __dataclass_fields__: ClassVar[dict[str, Field[Any]]]
 
         def __init__(self, **sizes: FloatArray | float) -> None: ...
@@ -155,7 +155,7 @@ if TYPE_CHECKING:
 else:
     _KEYS = dict.fromkeys(term.key for term in TERMS)
     _FIELDS = [(key, FloatArray, field(default_factory=zeros)) for key in _KEYS]
-    _FIELDS.insert(2, ("correlation_time", float, math.inf))  # after the in-run bias, also in stored results
+    _FIELDS.insert(2, ("correlation_time", float, math.inf))  # placed after the in-run bias, also in stored results
     SensorSpec = make_dataclass("SensorSpec", _FIELDS, frozen=True, slots=True, namespace={"__module__": __name__})
 
 
@@ -184,10 +184,10 @@ def level_bias(accel: SensorSpec) -> FloatArray:
 class InitialSpec:
     """Standard deviations of the initial state, for error budgets and simulation."""
 
-    position: float = 0.0  # each component of position [m]
-    velocity: float = 0.0  # each component of velocity [m/s]
-    tilt: float = 0.0  # roll and pitch [rad]
-    heading: float = 0.0  # heading [rad]
+    position: float = 0.0  # standard deviation of each component of position [m]
+    velocity: float = 0.0  # standard deviation of each component of velocity [m/s]
+    tilt: float = 0.0  # standard deviation of roll and pitch [rad]
+    heading: float = 0.0  # standard deviation of heading [rad]
 
 
 @dataclass(frozen=True, slots=True)

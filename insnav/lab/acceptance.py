@@ -36,7 +36,7 @@ class Scale:
     table: RateTable  # settings in deg/s or g, outputs in the unit of the output
     k: float  # scale factor [output unit per deg/s or g]; mean of forward and reverse if both exist
     k_sd: float
-    bias: float  # zero over scale factor [rad/s] or [m/s^2]
+    bias: float  # zero U0 over scale factor K [rad/s] or [m/s^2]
     bias_sd: float
 
 
@@ -61,7 +61,7 @@ class Stability:
 
     length: float  # length of a part [s]
     time: FloatArray  # (n,) middle of each part used [s]
-    spread: Spread  # of the means of the parts; NaN if the record has only one part
+    spread: Spread  # standard deviation of the means of the parts; NaN if the record has only one part
     sliding: float  # standard deviation of the moving average over the same length [rad/s] or [m/s^2]
     parts: float  # length of the record in parts of this length
 
@@ -160,7 +160,7 @@ TREND = 0.7  # a steady drift that explains a larger share of the variance of th
 class Accepted:
     """Acceptance figures of one sensor; None if not measured."""
 
-    axis: str  # such as ``gyro x``
+    axis: str  # sensor and axis, such as ``gyro x``
     unit: str  # unit of its output
     scale: Scale | None
     stability: tuple[Stability, ...]

@@ -46,7 +46,7 @@ class BenchFile:
 class BenchTable(BenchFile):
     """Columns of a bench file in SI units, except raw outputs, which keep the unit of the file."""
 
-    columns: Mapping[str, FloatArray]  # (n,) by key
+    columns: Mapping[str, FloatArray]  # columns (n,) by key of the quantity
 
     @property
     def file(self) -> BenchFile:
@@ -232,7 +232,7 @@ POWERUP = Quantity("powerup", "powerup", "", "", ("powerup", "poweron", "run", "
 class Channel:
     """Record of one sensor in one file."""
 
-    axis: str  # such as ``gyro x``
+    axis: str  # sensor and axis, such as ``gyro x``
     setting: FloatArray  # (n,) commanded rate [rad/s] or specific force [m/s^2]; empty for a record at rest
     output: FloatArray  # (n,) sensor output in `unit`
     unit: str  # rad/s or m/s^2 if convertible, else the unit of the file: V, mV, uV, LSB
@@ -243,7 +243,7 @@ class BenchRecord:
     """Sensor records of one bench file."""
 
     table: BenchTable
-    time: FloatArray | None  # (n,) [s]
+    time: FloatArray | None  # (n,) time of each row [s]
     powerup: FloatArray | None  # (n,) number of the power-up of each row
     channels: Mapping[str, Channel]  # by axis, such as ``gyro x``
     warnings: tuple[Finding, ...] = ()
@@ -254,12 +254,12 @@ class DriftRecord:
     """Gyro record with possible causes of drift."""
 
     name: str  # name of the file
-    time: FloatArray  # (n,) even steps [s]
+    time: FloatArray  # (n,) evenly spaced times [s]
     axes: tuple[str, ...]  # letters of the gyros present
     gyro: Mapping[str, FloatArray]  # by letter of the axis: (n,) output [rad/s]
     rate: Mapping[str, FloatArray]  # (n,) true rate about the axis, if recorded [rad/s]
     force: Mapping[str, FloatArray]  # (n,) specific force along the axis, if recorded [m/s^2]
-    temperature: FloatArray | None  # (n,) [deg C]
+    temperature: FloatArray | None  # (n,) temperature [deg C]
 
     @property
     def interval(self) -> float:

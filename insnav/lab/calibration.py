@@ -199,7 +199,7 @@ class BenchOptions:
     # largest distance of samples from a polynomial through their dwell, in the unit of the output; default 0.005 V, no
     # limit for other units
     spike_limit: float | None = None
-    gravity: float = G0  # at the bench [m/s^2]
+    gravity: float = G0  # local gravity at the bench [m/s^2]
     gravity_source: str = "as given"  # source of the gravity value
     name: str = ""  # name of the calibrated sensor
     # smallest and largest rate of a rate table to use [deg/s]; default all that are linear
@@ -235,11 +235,11 @@ STANDARD = BenchOptions()
 class CalibrationSd:
     """Uncertainty of calibrated errors: one standard deviation of each number, all independent."""
 
-    gyro_bias: FloatArray = field(default_factory=zeros)  # (3,) [rad/s]
-    gyro_matrix: FloatArray = field(default_factory=zero_matrix)  # (3, 3) [-]
-    accel_bias: FloatArray = field(default_factory=zeros)  # (3,) [m/s^2]
-    accel_matrix: FloatArray = field(default_factory=zero_matrix)  # (3, 3) [-]
-    g_sensitivity: FloatArray = field(default_factory=zero_matrix)  # (3, 3) [rad/s/(m/s^2)]
+    gyro_bias: FloatArray = field(default_factory=zeros)  # (3,) gyro biases [rad/s]
+    gyro_matrix: FloatArray = field(default_factory=zero_matrix)  # (3, 3) gyro sensitivities [-]
+    accel_bias: FloatArray = field(default_factory=zeros)  # (3,) accelerometer biases [m/s^2]
+    accel_matrix: FloatArray = field(default_factory=zero_matrix)  # (3, 3) accelerometer sensitivities [-]
+    g_sensitivity: FloatArray = field(default_factory=zero_matrix)  # (3, 3) of the gyros [rad/s/(m/s^2)]
     # (k, k) covariance of the errors at the knots of the map of each gyro [rad^2/s^2]
     gyro_map: tuple[FloatArray | None, ...] = (None, None, None)
 
@@ -263,7 +263,7 @@ class CalibrationSd:
 class Impact:
     """Horizontal position error after one minute of free inertial navigation, root mean square."""
 
-    motion: str  # in words
+    motion: str  # motion in words
     without: float  # error without the calibration [m]
     corrected: float  # error with the calibration [m]
 
@@ -272,9 +272,9 @@ class Impact:
 class Calibration(Generic[R, D]):
     """Result of a calibration method."""
 
-    method: str  # one of `METHODS`
+    method: str  # name of the method, one of `METHODS`
     errors: ImuErrors | None  # as written to the calibration file; None if the method calibrates no IMU
-    sd: CalibrationSd  # their uncertainty in SI units
+    sd: CalibrationSd  # uncertainty of `errors` in SI units
     parameters: tuple[Quantity, ...]  # estimates with standard deviation and 95 % interval
     fits: Mapping[str, Fit]  # least-squares fits of the parameters, by sensor
     record: R  # input of the method; for samples, their interpretation

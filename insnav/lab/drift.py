@@ -247,7 +247,7 @@ def smooth(values: FloatArray, smoother: Smoother) -> FloatArray:
 class RampAnswer:
     """Response of a smoother to a rate ramp."""
 
-    time: FloatArray  # (n,) [s]
+    time: FloatArray  # (n,) time [s]
     rate: FloatArray  # (n,) true rate [rad/s]
     smoothed: FloatArray  # (n,) filtered rate [rad/s]
     slope: float  # slope of the ramp [rad/s^2]
@@ -314,7 +314,7 @@ class PowerCoefficient:
 class Curve:
     """Allan deviation of one signal at the times of the table."""
 
-    allan: AllanDeviation  # one column
+    allan: AllanDeviation  # Allan deviation with one column
     low: FloatArray  # (k,) ends of the 95 % intervals of the deviation [rad/s]
     high: FloatArray
     freedom: FloatArray  # (k,) equivalent degrees of freedom

@@ -40,10 +40,10 @@ WORST_CONDITION = 50.0  # largest condition number of usable positions
 SCHEMA = schema("nine_position")
 SENSORS = ("x_ay", "x_az", "y_az", "y_ax", "z_ax", "z_ay")
 GYROS = ("gyro_x", "gyro_y", "gyro_z")
-AXIS = np.array([1, 2, 2, 0, 0, 1])  # axis of each sensor
+AXIS = np.array([1, 2, 2, 0, 0, 1])  # sensitive axis of each of `SENSORS`
 MODULES = np.array([[0, 1], [2, 3], [4, 5]])  # the two sensors of each module; their product is along its gyro
 TRIAD = np.array([[3, 4], [0, 5], [1, 2]])  # the two sensors of each axis x, y, z: their mean counts
-SECOND_ORDER = 2.0  # covers 95 % of the errors of second order in simulations of three common sets of positions
+SECOND_ORDER = 2.0  # times squared misalignment: 95 % of second-order errors, in simulations of three sets of positions
 WEAKEST = 0.01  # a dead accelerometer has a smaller scale factor, relative to the largest of six
 _MISFIT = 0.05  # a larger RMS misfit, relative to gravity, means wrong positions: a table set to a degree leaves 0.017
 MOST_SENSITIVE, MOST_CROSSED = 0.2, 0.2  # sensitivities farther from 1, or from 0, contradict the column names
@@ -166,7 +166,7 @@ class NineRecord:
     """Table of positions as read, with one mean per position: roll and pitch [rad], outputs."""
 
     table: BenchTable
-    dwells: Dwells  # accelerometers in `unit`, then gyros, if there are any, in `gyro_unit`
+    dwells: Dwells  # outputs of accelerometers in `unit`, then of gyros, if present, in `gyro_unit`
     unit: str  # m/s^2, or the unit of raw outputs
     gyro_unit: str  # rad/s, or the unit of raw outputs; empty without gyros
 
@@ -182,14 +182,14 @@ class NinePositions:
     # (3, 3) M_G, each row divided by its diagonal element, which has scale factors of accelerometers, not of gyros [-]
     gyro_matrix: FloatArray
     gyro_diagonal: FloatArray  # (3,) diagonal of M_G before this division [-]
-    bias_sd: FloatArray  # standard deviations of `bias` and so on
+    bias_sd: FloatArray  # standard deviations of `bias`, `accel_bias`, `accel_matrix`, `gyro_matrix`
     accel_bias_sd: FloatArray
     accel_matrix_sd: FloatArray
     gyro_matrix_sd: FloatArray
     # allowance for second-order effects: `SECOND_ORDER` times the square of the largest accelerometer misalignment [-]
     second_order: float
     sigma: float  # standard deviation of one accelerometer output in one position [m/s^2]
-    dof: int  # its degrees of freedom
+    dof: int  # degrees of freedom of `sigma`
     fits: tuple[Fit, ...]  # fit of each accelerometer to the ideal forces
     condition_accel: float  # condition numbers of the two pseudo-inverses
     condition_gyro: float

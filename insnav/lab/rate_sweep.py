@@ -48,7 +48,7 @@ ROUNDING = 1e-9  # errors below this share of the largest rate are rounding
 class SweepRecord:
     """Sweeps reduced to one output per dwell."""
 
-    tables: tuple[BenchTable, ...]  # as read
+    tables: tuple[BenchTable, ...]  # tables of the files, as read
     dwells: Dwells  # of all tables: setting is the rate about x, y, z [rad/s], value the outputs of gyros x, y, z
     unit: str  # unit of the outputs in the file; volts and counts are kept, other values are converted to rad/s
     warnings: tuple[Finding, ...]
@@ -109,7 +109,7 @@ def read_sweeps(paths: Sequence[str | Path | Table], how: BenchOptions = calibra
 
 
 USUAL = 31  # usual number of rates about an axis; with fewer, pieces are hardly distinguishable from noise
-FEWEST_FOR_MAP = 12  # with fewer rates no pieces are fitted
+FEWEST_FOR_MAP = 12  # with fewer rates about an axis, no pieces are fitted
 MOST_CROSSED = 0.3  # largest sensitivity to another axis, relative to the own axis
 FLAT = 0.5  # a gyro is saturated where its slope is below this share of the median slope
 _SURE = 4.0  # least significant difference, in standard deviations
@@ -165,7 +165,7 @@ def saturated(rate: FloatArray, output: FloatArray, sd: FloatArray) -> tuple[Boo
     saturated_rows = np.zeros(rate.size, dtype=np.bool_)
     dropped = []
     for sense in (1.0, -1.0):
-        outer = distinct[1:] if sense > 0.0 else -distinct[:-1]  # of each step, the outer end in this sense
+        outer = distinct[1:] if sense > 0.0 else -distinct[:-1]  # outer end of each step
         ends = outer[flat & (outer > 0.0)]
         if ends.size == 0:
             continue
@@ -414,7 +414,7 @@ class Adjusted:
     """Piece with a manual intercept."""
 
     gyro: int
-    piece: int  # from 0
+    piece: int  # number of the piece, from 0
     found: float  # fitted intercept [rad/s]
     given: float  # manual intercept [rad/s]
     # RMS error of the dwells in the piece, with the fitted and with the manual intercept; NaN without a dwell [rad/s]
@@ -428,7 +428,7 @@ class SweepCalibration:
 
     rate: FloatArray  # (n, 3) rate of the table in each dwell [rad/s]
     output: FloatArray  # (n, 3) mean output of each gyro [unit of the output]
-    raw: bool  # the output is in volts or counts, not rad/s
+    raw: bool  # True: outputs are in volts or counts; False: in rad/s
     own: tuple[IntArray, ...]  # for each axis, the rows (k,) with rotation about no other axis
     # (3, 3) B [unit of the output per rad/s]: best straight line over all rates, also where a gyro is non-linear
     matrix: FloatArray
@@ -444,7 +444,7 @@ class SweepCalibration:
     error_matrix: FloatArray
     error_map: FloatArray
     warnings: tuple[Finding, ...]
-    adjusted: tuple[Adjusted, ...] = ()  # manual changes
+    adjusted: tuple[Adjusted, ...] = ()  # manual changes of intercepts
 
 
 def calibrate_sweeps(
@@ -623,7 +623,7 @@ def _all_pieces(
     rate: FloatArray, output: FloatArray, used: BoolArray, fits: Sequence[Fit], names: Sequence[str]
 ) -> tuple[Pieces | None, ...]:
     errors = _matrix_errors(rate, output, used, fits)[2]
-    in_range = used.all(axis=1)  # no gyro is saturated
+    in_range = used.all(axis=1)  # rows in which no gyro is saturated
     return tuple(_pieces(rate[in_range, i], errors[in_range, i], name) for i, name in enumerate(names))
 
 

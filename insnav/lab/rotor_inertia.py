@@ -34,11 +34,11 @@ SLOW = 10.0  # least ratio of spin rate to precession rate for which the fast-to
 class Inertia:
     """Moment of inertia by one method."""
 
-    method: str  # in words
-    value: float  # [kg m^2]
-    sd: float
+    method: str  # name of the method in words
+    value: float  # moment of inertia [kg m^2]
+    sd: float  # standard deviation [kg m^2]
     half_width: float  # half its 95 % interval [kg m^2]
-    fit: Fit  # of the slope alone, through the origin
+    fit: Fit  # fit of a line through the origin
     x: FloatArray  # (n,) fitted data x and y: height [m] and squared time [s^2], or period [s] and rotor rate [rad/s]
     y: FloatArray
     warnings: tuple[Finding, ...]

@@ -47,7 +47,7 @@ def origin(folder: Path) -> Origin:
             packages[name] = metadata.version(name)
         except metadata.PackageNotFoundError:
             packages[name] = ""
-    commit = _git(folder, "rev-parse", "--short=10", "HEAD")  # empty outside a git repository
+    commit = _git(folder, "rev-parse", "--short=10", "HEAD")  # no commit outside a git repository
     # only code and drives count as changes, because every run rewrites the reports
     changed = _git(folder, "status", "--porcelain", "--untracked-files=no", "--", ":/insnav", ":/trajectories")
     commit += "+" if commit and changed else ""

@@ -62,7 +62,7 @@ class Case(Table):
     """Common fields of simulated and recorded drives."""
 
     name: str  # label of the results
-    imu: str  # preset or file; ``at rest`` for the preset nearest to the noise at rest
+    imu: str  # IMU preset or file; ``at rest``: identify the IMU from its noise while stationary
     # position of the antenna relative to the IMU, body axes [m]
     lever_arm: Annotated[Axes, axes("length", signed=True)] = (0.0, 0.0, 0.0)
     settle: Annotated[float, scalar("time")] = 60.0  # errors count from this time after the first fix [s]
@@ -84,8 +84,8 @@ class Case(Table):
 class SimulatedCase(Case):
     """Simulated drive: a motion profile with randomly sampled sensor errors."""
 
-    profile: str  # name in the folder of the corpus file
-    gps: str  # receiver: preset or file
+    profile: str  # motion profile: name in the folder of the corpus file, or a file
+    gps: str  # GPS receiver: preset or file
     rate: Annotated[float, scalar("frequency")] = 100.0  # sampling rate of the IMU [Hz]
     fault: list[str] = Field(default_factory=list)  # faults, as for ``insnav simulate --fault``
 
@@ -101,7 +101,7 @@ class RecordedCase(Case):
     """Recorded drive."""
 
     data: str  # name of its folder in the data folder
-    # files in this folder
+    # IMU file and GPS file in this folder
     imu_file: str = "imu.csv.gz"
     gps_file: str = "gps.csv"
     fixes: MadeFixes | None = None  # generate the fixes from the reference instead of reading `gps_file`
@@ -189,7 +189,7 @@ class Material:
     truth_lever_b: FloatArray  # (3,) position of its reference point relative to the IMU, body axes [m]
     exact: GpsData | None  # accurate antenna positions as reference of outages; None: the fixes
     groups: frozenset[str] = frozenset(GROUPS)  # quantities for which the reference is accurate enough
-    whole_state: bool = False  # the reference has position, velocity and attitude in the IMU axes
+    whole_state: bool = False  # True: the reference has position, velocity and attitude in the IMU axes
     settle: float = 0.0  # errors count from this time after the first fix [s]
     min_speed: float = 0.0  # reference epochs below this speed do not count [m/s]
     remove_offset: bool = False  # remove a constant position difference

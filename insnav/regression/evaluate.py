@@ -56,7 +56,7 @@ class Metric:
     # another computer, thus hardly change the ratio
     floor: float
     kind: Kind = "size"  # size: smaller is better; ratio: nearer to one is better; cpu: a separate rule
-    fails_from: float = FAILS_FROM  # a significant worsening fails from this relative size on
+    fails_from: float = FAILS_FROM  # smallest relative worsening that fails, if significant
 
     def logarithm(self, value: FloatArray) -> FloatArray:
         """Compute the logarithm of values (n,), after adding `floor`: versions are compared by these logarithms."""
@@ -373,7 +373,7 @@ class CaseResult:
 class Accuracy:
     """Accuracy of the whole corpus."""
 
-    cases: dict[str, CaseResult]  # by name
+    cases: dict[str, CaseResult]  # results by name of the case
     skipped: dict[str, Finding]  # by case: reason why it was skipped
     quick: bool  # True: only some cases and seeds were run
 

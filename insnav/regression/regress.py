@@ -109,7 +109,7 @@ class Regression:
 
     accuracy: Accuracy
     baseline: Baseline | None
-    origin: Origin  # of this version
+    origin: Origin  # version, commit, time and computer of this run
     history: tuple[Entry, ...] = ()  # oldest first; contains this version unless the run was quick
 
     @cached_property

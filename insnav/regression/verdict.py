@@ -46,7 +46,7 @@ class Shift:
     # ratio of new to old, minus one; for NEES and NIS ``exp(d) - 1`` with the change d of `Metric.badness`
     change: float
     low: float  # lower end of the 95 % confidence interval of `change`
-    high: float  # upper end
+    high: float  # upper end of this interval
     p: float  # two-sided p-value: probability of so large a change by chance
     error: float = 0.0  # standard error of the mean log ratio; infinite with fewer than `FEWEST` pairs
     degrees: float = np.inf  # degrees of freedom of the standard error
@@ -177,7 +177,7 @@ class Change:
 class Comparison:
     """Comparison of the whole corpus with a baseline."""
 
-    changes: tuple[Change, ...]  # by case, then by metric
+    changes: tuple[Change, ...]  # in order of cases, then of metrics
     broken: dict[str, Finding]  # by case: error of a drive that did not fail in the baseline
     apart: dict[str, Finding]  # by case: reason why it cannot be compared
 

@@ -109,7 +109,7 @@ def measure_activity(imu: ImuData) -> Activity:
     if window < FEWEST or imu.time.size < 10 * window:
         raise InputError("lab.poses_short", count=imu.time.size, interval_s=interval, rate_hz=FEWEST / WINDOW)
     variance = moving_variance(imu.accel, window).sum(axis=1)
-    variance[: window // 2] = variance[-(window // 2) :] = np.inf  # these have no whole window
+    variance[: window // 2] = variance[-(window // 2) :] = np.inf  # the ends have no whole window
     finite = variance[np.isfinite(variance)]
     # a simulated record without noise has no variance at rest: the lower limit is the level of rounding
     floor = max(float(np.quantile(finite, QUIET_SHARE)), 1e-12 * float(np.mean(imu.accel**2)), np.finfo(float).tiny)

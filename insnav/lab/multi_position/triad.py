@@ -23,7 +23,7 @@ from insnav.types import FloatArray
 
 AXES = ("x", "y", "z")
 WEAK = 0.35  # parameters with a larger weight in the least determined combination are reported
-PARAMETERS = 9  # of three accelerometers
+PARAMETERS = 9  # biases and lower triangular sensitivity of three accelerometers
 _ROW, _COLUMN = np.tril_indices(3)
 NAMES = tuple(f"bias {a}" for a in AXES) + tuple(
     f"scale {AXES[i]}" if i == j else f"misalignment {AXES[i]}{AXES[j]}" for i, j in zip(_ROW, _COLUMN, strict=True)
@@ -38,7 +38,7 @@ class Triad:
     The default is sensors without errors, in SI units.
     """
 
-    bias: FloatArray = field(default_factory=zeros)  # (3,) in the unit of the record
+    bias: FloatArray = field(default_factory=zeros)  # (3,) bias in the unit of the record
     # (3, 3) unit of the record per m/s^2 or rad/s
     matrix: FloatArray = field(default_factory=partial(np.eye, 3))
     bias_sd: FloatArray = field(default_factory=zeros)
@@ -50,7 +50,7 @@ class Triad:
 class MultiPosition:
     """Results that all calibrations without a table have."""
 
-    accel: Triad  # in the unit of the record per SI unit
+    accel: Triad  # both triads: unit of the record per SI unit
     gyro: Triad
     # (3, 3) change of gyro output per specific force [unit of the record per m/s^2]
     g_sensitivity: FloatArray

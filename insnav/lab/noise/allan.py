@@ -52,7 +52,7 @@ TAUS = 90  # number of averaging times on the logarithmic axis
 LONGEST_PART = 3  # the longest averaging time is a third of the record: longer ones have almost no degrees of freedom
 FEWEST = 100  # least number of samples
 GAP = 1.5  # samples are missing in a step longer than this many intervals
-FILLED = 10  # gaps of up to so many samples are filled ...
+FILLED = 10  # gaps of up to this number of samples are filled ...
 FILLED_PART = 1e-3  # ... if they are not more than this part of all
 JITTER = 0.1  # larger timestamp jitter is reported [intervals]
 MOST = 8  # largest number of lines of one signal
@@ -75,7 +75,7 @@ SIGNIFICANT = 6.63  # chi-square of one coefficient at 1 %
 ROUNDS, FEW_ROUNDS = 4, 2  # repetitions of a fit with new weights: normally, and to test a term
 FEWEST_FREEDOM = 0.5  # fewer degrees of freedom give no information
 LARGEST_MISFIT = 1.0  # upper limit of the relative misfit
-NEGLIGIBLE = 1e-4  # negligible relative error of a variance
+NEGLIGIBLE = 1e-4  # relative error of a variance that is negligible
 SINGULAR = 1e-4  # smaller eigenvalues of a correlation matrix are rounding errors
 SHORTEST = 10.0  # least correlation time of a bias [samples]
 TIMES_PER_DECADE = 5  # correlation times tried per decade
@@ -86,9 +86,9 @@ class EvenRecord:
     """Rates and specific forces at even steps, with findings on their preparation."""
 
     values: FloatArray  # (n, 6) gyro x, y, z [rad/s], accelerometer x, y, z [m/s^2]
-    interval: float  # step [s]
+    interval: float  # sampling interval [s]
     start: float  # time of the first sample [s]
-    notes: tuple[Finding, ...]  # removed, filled or approximated parts
+    notes: tuple[Finding, ...]  # findings on removed, filled or approximated parts
 
     @property
     def length(self) -> float:
@@ -271,9 +271,9 @@ def chi_square_interval(
 class Sinusoid:
     """Steady sinusoid in a signal: one line of its spectrum."""
 
-    frequency: float  # f0 [Hz]
+    frequency: float  # frequency f0 [Hz]
     frequency_sd: float  # its standard deviation [Hz]
-    amplitude: float  # W0 [unit of the signal]
+    amplitude: float  # amplitude W0 [unit of the signal]
     amplitude_sd: float  # its standard deviation [unit of the signal]
     phase: float  # phase of the cosine at the first sample [rad]
 
@@ -359,7 +359,7 @@ def _line(windowed: FloatArray, cycles: float, cycles_sd: float, noise: float, i
 class Coefficient:
     """One noise coefficient in SI units, or the standard deviation of a Gauss-Markov process."""
 
-    value: float  # estimate
+    value: float  # estimated coefficient
     sd: float  # its standard deviation
     low: float  # 95 % interval, by chi-square with the degrees of freedom of the standard deviation
     high: float
@@ -370,7 +370,7 @@ class NoiseModel:
     """Noise model of one axis."""
 
     coefficients: dict[str, Coefficient]  # by name, Q, N, B, K, GM or R: only significant ones
-    correlation_time: float  # of the Gauss-Markov process [s]; infinite without one
+    correlation_time: float  # correlation time of the Gauss-Markov process [s]; infinite without a process
     correlation_time_sd: float  # its standard deviation [s]
     # relative standard deviation of the model error beyond the uncertainty of the Allan variances; zero without
     misfit: float
@@ -433,7 +433,7 @@ def evaluated(model: NoiseModel, allan: AllanDeviation, column: int) -> NoiseMod
     time = model.correlation_time
     variance = basis(allan.tau, time if math.isfinite(time) else 1.0) @ squares
     spread = np.diag(covariance(allan.factors, allan.n, allan.interval, squares[:5], time, diagonal=True)).copy()
-    for line in model.sinusoids:  # uncertain as its amplitude
+    for line in model.sinusoids:  # its uncertainty is from its amplitude
         line_variance = line.variance(allan.tau, allan.interval)
         variance = variance + line_variance
         spread += (2.0 * line.amplitude_sd / line.amplitude * line_variance) ** 2
@@ -471,7 +471,7 @@ class Weights:
         """Compute weights from a covariance (k, k), plus the standard deviations (k,) of an independent misfit."""
         size = np.sqrt(np.diag(own) + misfit**2)
         value, vector = np.linalg.eigh((own + np.diag(misfit**2)) / np.outer(size, size))
-        value = np.maximum(value, SINGULAR)  # smaller ones are errors of rounding and quadrature
+        value = np.maximum(value, SINGULAR)  # smaller eigenvalues are errors of rounding and quadrature
         # any square root is valid: here the one from the eigenvectors
         return cls((vector / np.sqrt(value)).T / size, float(np.log(value).sum() + 2.0 * np.log(size).sum()))
 

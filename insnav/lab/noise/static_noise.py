@@ -41,7 +41,7 @@ class Floor:
 
     value: float  # in the unit of the signal
     tau: float  # averaging time [s]
-    reached: bool  # the curve stays at or above it for longer times; False: it is still falling
+    reached: bool  # True: the curve does not fall further at longer times; False: it is still falling
 
 
 def floor_of(allan: AllanDeviation, column: int, model: NoiseModel) -> Floor:

@@ -44,7 +44,7 @@ SCHEMA = schema("rate_table")
 class Record:
     """Bench file of one sensor, reduced to one output per dwell."""
 
-    table: BenchTable  # as read
+    table: BenchTable  # table of the file, as read
     dwells: Dwells  # setting [rad/s] or [rad], output in `unit`
     unit: str  # unit of the output
     warnings: tuple[Finding, ...]
@@ -167,7 +167,7 @@ class RateTable:
 
     rate: FloatArray  # (n,) measured rates and outputs
     output: FloatArray
-    used: BoolArray  # (n,) rates in the fit
+    used: BoolArray  # (n,) True for rates in the fit
     fit: Fit  # zero and scale factor over all used rates
     # fits of positive and of negative rates alone, zero in both; None with fewer than three
     forward: Fit | None

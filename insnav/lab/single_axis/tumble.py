@@ -44,7 +44,7 @@ SCHEMA = schema("tumble")
 class Positions:
     """Mean outputs of three accelerometers in known positions."""
 
-    table: BenchTable  # as read
+    table: BenchTable  # table of the file, as read
     force: FloatArray  # (n, 3) true specific force [m/s^2]
     output: FloatArray  # (n, 3) in SI units, or in volts or counts
     unit: str  # unit of the outputs in the file
