@@ -191,7 +191,7 @@ def _si(figure: _Figure, path: Path) -> FloatArray:
 
 
 def _spec(file: _File, figures: tuple[Figure, ...]) -> ImuSpec:
-    """Build the error specification from the effective figures."""
+    """Build the error specification from the figures with `used`."""
     sd_by_key = {figure.key: figure.sd for figure in figures if figure.used}
     sensors, absent = {}, []
     for name in SENSORS:

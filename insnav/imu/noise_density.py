@@ -28,9 +28,7 @@ BAND = 4.0, 0.5, 10.0
 # Band of the noise that matters between fixes. An idling engine is above; its oscillation does not build up an angle.
 SLOW = 20.0, 0.1, 0.5
 PIECES = 64  # memory is released after this many pieces
-NYQUIST_PART = (
-    0.8  # highest frequency of a band over the Nyquist frequency; anti-aliasing filters lower the floor above
-)
+NYQUIST_PART = 0.8  # largest share of the Nyquist frequency in a band: anti-aliasing filters lower the floor above
 QUANTILE = 0.25  # the floor is this quantile of the power in the band
 LEVELS = 0.1  # a sensor is coarsely quantised if its distinct values are at most this share of its samples
 # Rounding acts as a bias if two neighbouring values have more than this share of the samples [-]. Noise with a

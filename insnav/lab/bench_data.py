@@ -70,7 +70,7 @@ def read_bench(
     columns: Mapping[str, str] | None = None,
     alternatives: Mapping[str, str] | None = None,
 ) -> BenchTable:
-    """Read a bench table.
+    """Read a bench table, and convert all columns but raw outputs to SI units.
 
     `schema`: quantities that it may have besides time and temperature. `needed`: keys of required columns. `columns`:
     header by quantity, for unusual headers. `alternatives`: by required key, a key that may replace it.
@@ -171,7 +171,7 @@ def reduce_dwells(
 
     `settings` (n, k): commanded rates or angles of each row. Rows of one dwell are successive; a setting that recurs
     later is another dwell. `samples` (n, m): outputs of m sensors. `limit`: as in `clean_mean`. `time` (n,):
-    times of the rows; default their number. Raises: InputError: A value that is not a number, or a dwell of spikes.
+    times of the rows; default their number. Raises: InputError: a value that is not a number, or a dwell of spikes.
     """
     invalid = ~(np.isfinite(settings).all(axis=1) & np.isfinite(samples).all(axis=1))
     if invalid.any():

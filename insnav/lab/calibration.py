@@ -341,7 +341,7 @@ def measured(name: str, value: float, unit: str, sd: float | None = None, half_w
 
 
 def fitted(fit: Fit, units: Sequence[str], sensor: str = "") -> tuple[Quantity, ...]:
-    """Build quantities of the parameters of a fit. `units`: of each parameter. `sensor`: prefix of their names."""
+    """Build a quantity of each parameter of a fit. `units`: display units. `sensor`: prefix of the names."""
     rows = zip(fit.names, fit.value, units, fit.sd, fit.half_width(), strict=True)
     return tuple(measured(f"{sensor} {name}".strip(), *row) for name, *row in rows)
 

@@ -151,7 +151,7 @@ def drift_errors(models: Mapping[str, DriftModel], name: str = "") -> ImuErrors:
 
 
 def corrected_rates(record: DriftRecord, errors: ImuErrors) -> dict[str, FloatArray]:
-    """Remove the modelled drift from the rates, by letter of the axis, (n,) each [rad/s].
+    """Return the rates without the modelled drift, by letter of the axis, (n,) each [rad/s].
 
     `errors`: from `drift_errors`.
     """
@@ -216,7 +216,7 @@ def choose_smoother(values: FloatArray, interval: float) -> Smoother:
 
 
 def smooth(values: FloatArray, smoother: Smoother) -> FloatArray:
-    """Run the filter over a rate, from zero with an initial variance of 1 (deg/s)^2.
+    """Run the Kalman filter over a rate, from the state zero with a variance of 1 (deg/s)^2.
 
     filterpy computes the steps until the gain has settled. A recursion of constant gain computes all later steps.
 

@@ -347,7 +347,7 @@ class _Points:
 
 
 def _hinges(points: _Points, borders: FloatArray) -> FloatArray:
-    """Build functions that are zero up to a border and rise beyond it, weighted, (n, borders)."""
+    """Build weighted hinge functions, zero up to a border and with slope 1 beyond, (n, borders)."""
     return np.asarray(np.maximum(points.x[:, None] - borders, 0.0) * points.root[:, None])
 
 
@@ -396,7 +396,7 @@ def _moved(points: _Points, borders: FloatArray, candidates: FloatArray) -> Floa
 
 
 def _fitted(points: _Points, knot: FloatArray, back: IntArray) -> Pieces:
-    """Compute values at the knots, and residuals in the original order of the points."""
+    """Compute values at the knots, and residuals in the original order of the points, which `back` restores."""
     interpolation = np.column_stack([np.interp(points.x, knot, row) for row in np.eye(knot.size)])
     design = interpolation * points.root[:, None]
     value = np.asarray(np.linalg.lstsq(design, points.y, rcond=None)[0], dtype=np.float64)
@@ -463,7 +463,7 @@ def calibrate_sweeps(
     outputs are in volts or counts. `intercepts`: manual values for pieces, ``{"x2": 0.01}`` for the second of gyro x
     [deg/s].
     Raises: ConfigError: an intercept of a missing piece, or beyond its neighbours. InputError: an axis without a sweep,
-    too few rates, or gyros with wrong axis or unit. Also an error too steep for inversion.
+    too few rates, gyros with wrong axis or unit, or an error too steep for inversion.
     """
     # rows with rotation about one axis only; rows at rest belong to every axis
     own = tuple(np.flatnonzero(~np.delete(rate, axis, axis=1).any(axis=1)) for axis in range(3))

@@ -47,7 +47,7 @@ class Inertia:
 
 @dataclass(frozen=True, slots=True)
 class Agreement:
-    """Agreement of two results."""
+    """Comparison of two moments of inertia."""
 
     difference: float  # first minus second, and its standard deviation [kg m^2]
     sd: float
@@ -141,7 +141,7 @@ def inertia_from_precession(
     `period` (n,): precession periods [s]. `rate` (n,): rates of the rotor [rad/s]. `mass`: of the added weight [kg],
     one or (n,). `arm`: its distance from the support [m]. `gravity` [m/s^2]. With several weights, periods are
     converted to the mean weight, since the period is inversely proportional to the torque.
-    Raises: InputError: values that are not positive, too few, or a rotor that is not fast.
+    Raises: InputError: values that are not positive, too few, or a rotor too slow for the formula.
     """
     weights = np.broadcast_to(mass, period.shape)
     _positive(where, precession_period=period, rotor_rate=rate, mass=weights)

@@ -100,7 +100,7 @@ class Activity:
 
 
 def measure_activity(imu: ImuData) -> Activity:
-    """Measure the activity of a record.
+    """Compute the variance of the specific force along a record, relative to rest.
 
     Raises: InputError: the record is too short, or rest and motion do not differ.
     """
@@ -122,9 +122,9 @@ def measure_activity(imu: ImuData) -> Activity:
 def find_poses(imu: ImuData, activity: Activity, factor: float) -> tuple[Pose, ...]:
     """Find the intervals at rest in a record.
 
-    `activity`: of this record. `factor`: largest standard deviation at rest, relative to the quietest tenth. Poses are
-    in order of time. Between a pose and motion there is half a window. If a knock interrupts a pose, only the longer
-    part is kept, so that the pose counts once.
+    `activity`: activity of this record. `factor`: largest standard deviation at rest, relative to the quietest tenth.
+    Poses are in order of time. Between a pose and motion there is half a window. If a knock interrupts a pose, only the
+    longer part is kept, so that the pose counts once.
     """
     still: BoolArray = activity.ratio < factor * factor
     shortest = max(FEWEST, round(SHORTEST / activity.interval))
@@ -226,7 +226,7 @@ def rotations(turns: Turns, bias: FloatArray, matrix: FloatArray) -> FloatArray:
 
 
 def across(up: FloatArray) -> FloatArray:
-    """Return two unit vectors across each direction `up` (m, 3), (m, 2, 3)."""
+    """Return two unit vectors perpendicular to each direction `up` (m, 3), as (m, 2, 3)."""
     first = np.cross(up, np.eye(3)[np.argmin(np.abs(up), axis=1)])
     first /= np.linalg.norm(first, axis=1)[:, None]
     return np.stack((first, np.cross(up, first)), axis=1)

@@ -83,7 +83,7 @@ TIMES_PER_DECADE = 5  # correlation times tried per decade
 
 @dataclass(frozen=True, slots=True)
 class EvenRecord:
-    """Rates and specific forces at even steps, with findings on their preparation."""
+    """Evenly sampled rates and specific forces, with findings on their preparation."""
 
     values: FloatArray  # (n, 6) gyro x, y, z [rad/s], accelerometer x, y, z [m/s^2]
     interval: float  # sampling interval [s]
@@ -121,7 +121,7 @@ def between(imu: ImuData, start: float, end: float) -> ImuData:
 
 
 def even_record(imu: ImuData) -> EvenRecord:
-    """Bring a record to even steps, as the Allan deviation needs it.
+    """Convert a record to even sampling, as the Allan deviation needs it.
 
     Linear interpolation fills short gaps if few samples are missing; else the longest part without a gap is used. Its
     samples are assumed even, at the mean step, because late timestamps are more frequent than late samples.
@@ -173,8 +173,8 @@ def _filled(values: FloatArray, time: FloatArray, after: IntArray, lost: IntArra
 def averaging_factors(n: int, interval: float, taus: Sequence[float] | Literal["log", "octave"] = "log") -> IntArray:
     """Compute averaging times in samples, (k,), increasing.
 
-    `n`: number of samples. `interval`: between them [s]. `taus`: averaging times [s], rounded to samples. "log": about
-    90 evenly on the logarithmic axis. "octave": powers of two. Both end at a third of the record. Raises:
+    `n`: number of samples. `interval`: between samples [s]. `taus`: averaging times [s], rounded to samples. "log":
+    about 90 times, evenly on the logarithmic axis. "octave": powers of two. Both end at a third of the record. Raises:
     ConfigError: a time that is not positive, shorter than the interval, or longer than half of the record.
     """
     if isinstance(taus, str):
@@ -197,7 +197,7 @@ def allan_deviation(
 ) -> AllanDeviation:
     """Compute the overlapping Allan deviation of each column.
 
-    `values` (n, c): rates or specific forces at even steps; constant parts do not matter. `interval`: step [s].
+    `values` (n, c): rates or specific forces at even steps; a constant offset does not matter. `interval`: step [s].
     `factors` (k,): averaging times in samples, at most n / 2. `workers`: number of threads, at most one per
     column; by default the number of processors.
     """
@@ -383,7 +383,7 @@ class NoiseModel:
 
 @dataclass(frozen=True, slots=True)
 class _Fit:
-    """Model with its quality of fit."""
+    """Fitted noise model, with the quality of the fit."""
 
     squares: FloatArray  # (6,) squared coefficients in the order of `NAMES`
     time: float  # correlation time [s]
@@ -411,7 +411,7 @@ def fit_noise(allan: AllanDeviation, column: int = 0) -> NoiseModel:
     """Fit the noise coefficients of one axis.
 
     `allan`: from `insnav.lab.noise.allan.allan_deviation`; the column must not be all zero. Akaike's criterion chooses
-    between a floor B and a Gauss-Markov process. Terms that lower chi-square by less than 6.63 (1 %) are dropped.
+    between a floor B and a Gauss-Markov process. Terms that lower chi-square by less than 6.63 (1 % level) are dropped.
     """
     rows = _chosen(allan)
     floor, markov = (_Fitter(allan, column, rows).fit(np.array([n != out for n in NAMES])) for out in ("GM", "B"))
@@ -501,7 +501,7 @@ class _Fitter:
         self.misfit = 0.0
 
     def fit(self, allowed: BoolArray) -> _Fit:
-        """Fit, estimate the misfit, drop insignificant terms."""
+        """Fit the allowed terms, estimate the misfit, and drop insignificant terms."""
         squares, time = self._again(allowed, *self._start(allowed), ROUNDS)
         for _ in range(ROUNDS):  # weights depend on the misfit, and the misfit on the fit
             if not self._find_misfit(squares, time):
@@ -525,7 +525,7 @@ class _Fitter:
         return self._result(squares, time if squares[4] > 0.0 else math.inf)
 
     def _again(self, allowed: BoolArray, squares: FloatArray, time: float, rounds: int) -> tuple[FloatArray, float]:
-        """Repeat the fit with the weights of the previous fit."""
+        """Repeat the fit `rounds` times, each with the weights of the previous fit."""
         for _ in range(rounds):
             squares, time = self._solve(allowed, self._weights(squares, time), time)
         return squares, time

@@ -124,7 +124,7 @@ def _values(models: tuple[NoiseModel | None, ...], name: str) -> FloatArray:
 def temperature_correlation(values: FloatArray, temperature: FloatArray) -> FloatArray:
     """Compute the correlation of each column with temperature, over means of sixty equal parts of the record.
 
-    values (n, c). `temperature` (n,): [deg C]. Returns (c,): zero where nothing varies.
+    `values` (n, c). `temperature` (n,): [deg C]. Returns (c,): zero for a constant column.
     """
     bins = 60
     length = len(values) // bins
@@ -275,7 +275,7 @@ def _refuse_motion(record: EvenRecord) -> None:
 
 
 def _of_record(imu: ImuData, record: EvenRecord) -> list[Finding]:
-    """Report unusual properties of the samples."""
+    """Report damaged samples, coarse resolution, and a change of temperature that correlates with the samples."""
     warnings = [
         Finding.of(Code.ALLAN_DAMAGED, subject=subject, count=count, what=code.value)
         for (code, subject), count in Counter((event.code, event.subject) for event in inspect(imu)[1]).items()

@@ -153,7 +153,7 @@ def triad_calibration(
 
 @dataclass(frozen=True, slots=True)
 class Dropped:
-    """Dropped rate, with the reason."""
+    """Rate that is dropped from the fit, with the reason."""
 
     rate: float  # rate of the table
     residual: float  # output minus line
@@ -232,7 +232,7 @@ def calibrate_rate_table(
 
 
 def prediction_limit(fit: Fit, rate: float, probability: float) -> float:
-    """Compute the largest distance of a further measurement from the line that chance explains.
+    """Compute the largest distance between a line and a further measurement that chance explains.
 
     `fit`: a line, from `calibrate_rate_table`. `rate`: rate of the measurement. `probability`: of a larger distance,
     two-sided. Seber and Lee, Linear Regression Analysis, section 5.3.1.

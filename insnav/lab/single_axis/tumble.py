@@ -234,7 +234,7 @@ def fit(record: tuple[Record, ...] | Positions, how: BenchOptions) -> Calibratio
 
 
 def calibrate_accel(record: Record) -> Tumble:
-    """Fit the model of an accelerometer.
+    """Fit the tumble-test model of one accelerometer to its bench file.
 
     Raises: InputError: see `calibrate_tumble`; or a digital output in another unit than its column states.
     """
