@@ -83,6 +83,7 @@ def inspect(imu: ImuData) -> tuple[ImuData, list[Finding]]:
         largest = float(np.abs(column).max())
         extreme = largest > 4.0 * float(np.abs(column - np.median(column)).mean()) > 0.0
         clipped = (np.abs(column[first]) >= largest * (1.0 - 1e-9)) & extreme
+        # a short run at a limit within the range counts as clipped; a long one is only reported
         bounded = _bounded(column, first, count)
         long = bounded & ~clipped & (_length(imu.time, first, count) > BRIDGED)
         clipped |= bounded & ~long
@@ -198,7 +199,7 @@ class _Activity:
             return unusual
         others = np.delete(self.square, axis, axis=1).mean(axis=1)
         normal = np.ones(others.size, dtype=np.bool_)
-        for row in _longest(count):
+        for row in _longest(count):  # possible faults are not normal
             normal[self._blocks(first[row], count[row])] = False
         spread, resolution = self._range(column), _resolution(column, column[first])
         moving = IN_MOTION * float(np.median(others))
@@ -208,7 +209,7 @@ class _Activity:
             if comparable.sum() < ENOUGH:
                 if activity <= moving or normal.sum() < ENOUGH:
                     continue
-                comparable = normal
+                comparable = normal  # in motion: all normal blocks
             unusual[row] = float(np.quantile(spread[comparable], UNUSUAL)) > STEPS * resolution[row]
         return unusual
 

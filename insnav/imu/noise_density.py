@@ -143,7 +143,7 @@ def rounding_changes(imu: ImuData) -> tuple[RoundingChange, ...]:
     for second, constant in zip(level[1:], level_kept, strict=True):  # compared with `start`: slow changes add up
         constant[:] = np.isclose(second, start, rtol=0.0, atol=0.25 * step)  # infinite in seconds without rounding bias
         start[~constant] = second[~constant]
-    for axis, constant in enumerate(level_kept.T):
+    for axis, constant in enumerate(level_kept.T):  # mean variance of each run of seconds at one level
         run_number = np.cumsum(np.append(False, ~constant))
         variance[:, axis] = (np.bincount(run_number, variance[:, axis]) / np.bincount(run_number))[run_number]
     variance /= np.median(per_sample(imu)) ** 2

@@ -288,6 +288,7 @@ class Pieces:
         last = self.knot.size - 1
         knot, weights = self.knot.copy(), np.zeros((last + 1, last + 1))
         for border in range(last + 1):
+            # the border lies on the line of an adjacent piece, `still`, which does not move unless it is at an end
             still = border - 1 if border > 0 and (border - 1 != piece or border == last) else min(border, last - 1)
             if border in (piece, piece + 1) and 0 < border < last:
                 with np.errstate(divide="ignore"):

@@ -273,7 +273,7 @@ def first_guess(turns: Turns, bias: FloatArray, up: FloatArray, counts: bool) ->
         return scale * np.eye(3)
     if not counts and misfit(np.eye(3) / DEG) < MISFIT:
         raise InputError("lab.gyros_in_degrees")
-    alternatives = [
+    alternatives = [  # all exchanges and signs of the gyro axes
         (misfit(s * np.diag(signs)[list(order)]), order, signs)
         for order in itertools.permutations(range(3))
         for signs in itertools.product((1.0, -1.0), repeat=3)

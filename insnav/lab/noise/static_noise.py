@@ -237,7 +237,7 @@ def static_noise(
     present = np.flatnonzero(~absent)
     # for each axis: itself, or the first present axis of the same triad
     stand_in = [next((k for k in (i, *present) if not absent[k] and k // 3 == i // 3), i) for i in range(6)]
-    still, filled = (
+    still, filled = (  # absent sensors replaced by zeros, and by the values of a present axis
         replace(imu, gyro=np.where(absent[:3], fill, imu.gyro), accel=np.where(absent[3:], fill, imu.accel))
         for fill in (0.0, values[:, present[:1]])
     )
@@ -275,7 +275,7 @@ def _refuse_motion(record: EvenRecord) -> None:
 
 
 def _of_record(imu: ImuData, record: EvenRecord) -> list[Finding]:
-    """Report damaged samples, coarse resolution, and a change of temperature that correlates with the samples."""
+    """Report damaged samples, coarse resolution, temperature changes, and axes that correlate with temperature."""
     warnings = [
         Finding.of(Code.ALLAN_DAMAGED, subject=subject, count=count, what=code.value)
         for (code, subject), count in Counter((event.code, event.subject) for event in inspect(imu)[1]).items()

@@ -259,7 +259,7 @@ def _linear_part(rate: FloatArray, output: FloatArray, where: str) -> tuple[Bool
         fit = _line(rate[used], output[used], where)
         residual = float(output[i] - fit.value @ [1.0, rate[i]])
         limit = prediction_limit(fit, float(rate[i]), FALSE_ALARM / outer.size)
-        if sense in closed:
+        if sense in closed:  # beyond the first disagreement on this side
             reason = Finding.of(Code.BENCH_RATE_BEYOND, setting=closed[sense])
         elif abs(residual) > limit:
             closed[sense] = float(rate[i])
@@ -317,6 +317,7 @@ def _spread(rate: FloatArray, output: FloatArray, fit: Fit) -> FloatArray:
         straight = ~np.isin(rate, bent)
         line = _line(rate[straight], output[straight], "")
         excess = (output - design @ line.value) * np.sign(rate * line.value[1])
+        # a mean shortfall of a bent rate is free; its scatter and a mean excess are residuals
         residuals = [line.residual, *(excess[rate == p] - min(excess[rate == p].mean(), 0.0) for p in bent)]
         squares = max(float(np.sum(np.concatenate(residuals) ** 2)), floor)
         prior = np.log(BENT) * ((low == 0) + (high == 0))
