@@ -30,7 +30,7 @@ from insnav.types import FloatArray
 ALPHA = 0.01  # significance level: probability of one or more false changes in the whole corpus
 POWER = 0.8  # power of the test: probability of detecting the smallest detectable change
 FEWEST = 5  # smallest number of pairs for a test
-SMALLEST = 0.01  # smaller relative changes count as "same", however significant
+SMALLEST = 0.01  # smaller relative changes are "same", however significant; or `Metric.fails_from`, if smaller
 MOST_ALIKE = 0.9  # upper limit of the estimated correlation of successive pieces
 BLOCK = 2  # number of successive pieces in a bootstrap block
 _SAMPLES = 2000  # bootstrap samples
@@ -169,7 +169,7 @@ class Change:
     new: float
     shift: Shift  # relative change and its p-value, not yet corrected
     adjusted: float  # p-value by Holm's correction over all pairs of case and metric
-    verdict: Verdict  # better and worse are significant changes of at least 1 %
+    verdict: Verdict  # better or worse: a significant change of at least `SMALLEST`, or `Metric.fails_from` if smaller
     fails: bool  # worse by `Metric.fails_from` or more; CPU time by a factor above `CPU_FAILS_FROM`
 
 
