@@ -39,7 +39,7 @@ from insnav.exceptions import ConfigError
 from insnav.imu.specification import FOLDER, PRESETS, ClockSpec, ImuSpec, InitialSpec, Sensor, SensorSpec, terms_of
 from insnav.units import UNITS
 
-if TYPE_CHECKING:  # a run without a part reads no part file
+if TYPE_CHECKING:  # the library of parts is loaded only if the IMU is a real part
     from insnav.imu.library import Part
 import datetime
 
@@ -49,10 +49,10 @@ from insnav.units import si_unit
 
 
 class _Sensor(Table):
-    """Common fields of both sensor tables besides their error terms, and their constraints."""
+    """Fields and constraints of both sensor tables; `_with_terms` adds the error terms."""
 
     correlation_time: Annotated[float | None, scalar("time")] = None
-    positions: None = None  # of the accelerometers only
+    positions: None = None  # only accelerometers have positions
 
     above_zero = ("correlation_time",)
 
@@ -78,13 +78,13 @@ def _with_terms(sensor: Sensor, **more: PlainValidator) -> type[_Sensor]:
 
 
 def _of_units(units: dict[str, str], signed: tuple[str, ...] = ()) -> type[Table]:
-    """Build a table of quantities by their units."""
+    """Build a table type from the units of its keys."""
     return with_fields(Table, {key: scalar(UNITS[unit][0], signed=key in signed) for key, unit in units.items()})
 
 
-_LARGEST = 1e6  # no error exceeds this in SI units, and its square is finite
+_LARGEST = 1e6  # largest accepted error in SI units; its square is still finite
 _CLOCK_UNITS = {"offset": "s", "drift": "ppm", "jitter": "s", "lost_every": "s", "lost_length": "s"}
-# file order, on which the digest depends; other keys follow
+# keys written first, in this order: digests of the text depend on the order
 _FIRST = ("bias", "bias_instability", "correlation_time", "random_walk", "rate_random_walk")
 _INITIAL_UNITS = {"position": "m", "velocity": "m/s", "tilt": "deg", "heading": "deg"}
 _TABLES = {
@@ -97,7 +97,7 @@ _FILE = with_fields(_ImuFile, _TABLES)
 
 
 _YAML_LINE = re.compile(r"(?m)^\s*(\w+)\s*:\s*([-+.\deE]+)\s*(?:#.*)?$")
-# sensor in the file of Kalibr -> in ours, units of noise density and of random walk
+# by name of a sensor in Kalibr: its name in insnav, units of noise density and of random walk
 _KALIBR: dict[str, tuple[Sensor, str, str]] = {
     "accelerometer": ("accel", "m/s/sqrt(s)", "m/s^2/sqrt(s)"),
     "gyroscope": ("gyro", "rad/sqrt(s)", "rad/s/sqrt(s)"),
@@ -105,7 +105,7 @@ _KALIBR: dict[str, tuple[Sensor, str, str]] = {
 
 
 def part_of(preset_or_path: str) -> Part | None:
-    """Find the real part of a name; None if it is a preset, a file or unknown."""
+    """Find a real IMU by name; None for a preset, a file or an unknown name."""
     if preset_or_path in PRESETS or Path(preset_or_path).suffix in (".toml", ".yaml", ".yml"):
         return None
     from insnav.imu.library import find_part
@@ -179,9 +179,9 @@ def _of_kalibr(path: Path) -> dict[str, Any]:
 
 
 def to_kalibr(spec: ImuSpec, rate: float) -> str:
-    """Write a Kalibr file (``imu.yaml``): root mean squares over the axes; `rate` of the samples [Hz].
+    """Write a Kalibr file (``imu.yaml``) with root mean squares over the axes. `rate`: sampling rate [Hz].
 
-    The bias random walk combines rate random walk and the driving noise of a Gauss-Markov process, sd sqrt(2 / T).
+    The bias random walk combines rate random walk and the driving noise of the in-run bias, ``sd sqrt(2 / T)``.
     """
     lines = [f"# {spec.name}"]
     for sensor, (name, *_) in _KALIBR.items():
@@ -205,18 +205,18 @@ def _sensor(name: Sensor, table: _Sensor | None, absent: list[str]) -> SensorSpe
 
 
 def to_toml(spec: ImuSpec) -> str:
-    """Write an IMU file. Returns: text that `load_imu` reads as the same values within a relative 1e-14."""
+    """Write an IMU file. Returns: its text, from which `load_imu` reads the same values within a relative 1e-14."""
     content: dict[str, Any] = {"name": spec.name} | ({"source": spec.source} if spec.source else {})
     sensors: tuple[tuple[Sensor, SensorSpec], ...] = (("gyro", spec.gyro), ("accel", spec.accel))
     for name, sensor in sensors:
-        given = (
+        texts = (
             {"correlation_time": text(sensor.correlation_time, "s")} if math.isfinite(sensor.correlation_time) else {}
         )
         for term in terms_of(name):
             value = getattr(sensor, term.key)
             if np.any(value) or (term.usual and f"{name}.{term.key}" not in spec.absent):
-                given[term.key] = text(value, term.unit)
-        content[name] = {key: given.pop(key) for key in _FIRST if key in given} | given
+                texts[term.key] = text(value, term.unit)
+        content[name] = {key: texts.pop(key) for key in _FIRST if key in texts} | texts
     if np.any(spec.positions):
         content["accel"]["positions"] = text(spec.positions, "m")
     if spec.clock != ClockSpec():
@@ -313,7 +313,7 @@ _CALIBRATION = with_fields(
 def load_calibration(path: str | Path) -> ImuErrors:
     """Read the known errors of an IMU.
 
-    Returns: errors for `insnav.imu.correct`. An absent table or key means no error.
+    Returns: errors that `insnav.imu.correct` removes. An absent table or key means no error.
     Raises: ConfigError: no such file, invalid TOML, wrong keys or values (all at once), or a singular matrix.
     """
     path = Path(path)
@@ -358,19 +358,19 @@ def _gyro_map(table: _Map | None) -> DynamicMap | None:
 
 
 def _terms(sensor: Sensor, table: Table) -> ErrorTerms | None:
-    given = table.model_dump(include=set(_dimensions(sensor)), exclude_none=True)
-    found = {key: np.array(value) for key, value in given.items()}
-    return ErrorTerms(**found) if any(value.any() for value in found.values()) else None
+    stated = table.model_dump(include=set(_dimensions(sensor)), exclude_none=True)
+    terms = {key: np.array(value) for key, value in stated.items()}
+    return ErrorTerms(**terms) if any(value.any() for value in terms.values()) else None
 
 
 def calibration_to_toml(errors: ImuErrors) -> str:
-    """Write a calibration file. Returns: text that `load_calibration` reads as exactly the same values."""
+    """Write a calibration file. Returns: its text, from which `load_calibration` reads exactly the same values."""
     content: dict[str, Any] = {"name": errors.name, "date": errors.date, "temperature_c": errors.temperature}
     content = {key: value for key, value in content.items() if value not in ("", None)}
     units: tuple[tuple[Sensor, str, str], ...] = (("gyro", "rad/s", "rad_s"), ("accel", "m/s^2", "m_s2"))
     for sensor, unit, suffix in units:
         raw, terms = getattr(errors, f"{sensor}_raw"), getattr(errors, f"{sensor}_terms")
-        # SI units, which keep every bit: writing must not change a calibration
+        # SI units keep every bit, so that writing does not change a calibration
         table: dict[str, Any] = {
             "bias": text(getattr(errors, f"{sensor}_bias"), unit),
             "matrix": getattr(errors, f"{sensor}_matrix").tolist(),

@@ -4,7 +4,7 @@ A part is one file of ``parts/``. Undocumented figures are missing, not guessed.
 
 - a tolerance (+-) or a maximum of a bias, a scale factor or an angle is two standard deviations, "3 sd" is three.
 Typical, RMS and 1 sd values count unchanged, and so does every noise density, including limits;
-- the lowest point of an Allan deviation is 0.664 of the flicker noise, and gives an in-run bias of its value over 0.664
+- the lowest point of an Allan deviation is 0.664 times the flicker noise, so the in-run bias is this point over 0.664
 (IEEE Std 952-1997, annex C). It is measured at constant temperature, so a documented standard deviation of the in-run
 bias (of a filter, or of a paper) has priority;
 - turn-on and in-run bias are separate; an undocumented correlation time is an hour;
@@ -31,7 +31,7 @@ from insnav.imu.specification import SENSORS, TERMS, ImuSpec, SensorSpec, terms_
 from insnav.types import FloatArray
 
 FOLDER = Path(__file__).parent / "parts"
-PROVENANCE = ("datasheet", "Allan", "paper", "filter tuning", "second hand")  # most direct first
+PROVENANCE = ("datasheet", "Allan", "paper", "filter tuning", "second hand")  # kinds of documents, most direct first
 Statistic = Literal["density", "1 sd", "typical", "tolerance", "maximum", "3 sd", "Allan minimum"]
 TO_SD: dict[str, float] = {"tolerance": 0.5, "maximum": 0.5, "3 sd": 1.0 / 3.0, "Allan minimum": 1.0 / 0.664}
 HOUR = 3600.0  # default correlation time [s]
@@ -41,18 +41,18 @@ _DIMENSIONS |= {f"{name}.correlation_time": "time" for name in SENSORS}
 
 @dataclass(frozen=True, slots=True)
 class Figure:
-    """Figure of a part in a document."""
+    """One figure of an IMU, as a document states it."""
 
-    key: str  # of the IMU file: ``gyro.bias``
-    text: tuple[str, ...]  # as written, one or one per axis
-    value: FloatArray  # (3,) the same in SI
+    key: str  # key of the IMU file, such as ``gyro.bias``
+    text: tuple[str, ...]  # value as written, for all axes or one per axis
+    value: FloatArray  # (3,) this value in SI
     statistic: str  # one of `Statistic`
     stated: str  # wording of the document, or derivation from its content
-    # title and location of the document, and its standing, one of `PROVENANCE`
+    # title and location of the document, and its kind, one of `PROVENANCE`
     document: str
     where: str
     provenance: str
-    used: bool  # the effective figure of its key
+    used: bool  # True if `Part.spec` uses this figure of its key
 
     @property
     def sd(self) -> FloatArray:
@@ -62,39 +62,39 @@ class Figure:
 
 @dataclass(frozen=True, slots=True)
 class Part:
-    """Real IMU."""
+    """Real IMU with its documented figures."""
 
     name: str
     maker: str
-    grade: str  # grade of the part; see `insnav.imu.specification`
+    grade: str  # accuracy grade, such as ``consumer``; see `insnav.imu.specification`
     temperature: str  # specified operating range; empty if unknown
     note: str  # doubtful or omitted figures
     figures: tuple[Figure, ...]
-    spec: ImuSpec  # from the effective figures
+    spec: ImuSpec  # from the figures with `used`
 
     @property
     def provenance(self) -> str:
-        """Standing of the weakest effective document."""
+        """Kind of the least direct document of the figures that `spec` uses."""
         return max((figure.provenance for figure in self.figures if figure.used), key=PROVENANCE.index)
 
     @property
     def missing(self) -> tuple[str, ...]:
-        """Usual figures without document, such as ``gyro.bias``."""
+        """Keys of usual figures that no document states, such as ``gyro.bias``."""
         return tuple(key for key in self.spec.absent if not key.endswith("correlation_time"))
 
 
 def completed(part: Part, of: ImuSpec) -> tuple[ImuSpec, tuple[str, ...]]:
-    """Complete the specification of a part from its class, as a filter would take missing figures as zero.
+    """Fill missing figures of a part with figures of its class; a filter would take missing figures as zero.
 
-    `of`: its class. Returns: the specification, and the keys taken from the class.
+    `of`: specification of the class. Returns: the completed specification, and the keys taken from the class.
     """
     sensors = {}
     for name in SENSORS:
-        own, other = getattr(part.spec, name), getattr(of, name)
+        of_part, of_class = getattr(part.spec, name), getattr(of, name)
         keys = [key.partition(".")[2] for key in part.spec.absent if key.startswith(f"{name}.")]
-        if "bias_instability" not in keys:  # the correlation time belongs to it
+        if "bias_instability" not in keys:  # the correlation time stays with its in-run bias
             keys = [key for key in keys if key != "correlation_time"]
-        sensors[name] = replace(own, **{key: getattr(other, key) for key in keys})
+        sensors[name] = replace(of_part, **{key: getattr(of_class, key) for key in keys})
     return replace(part.spec, **sensors), part.missing
 
 
@@ -129,7 +129,7 @@ def _plain(name: str) -> str:
 
 @functools.cache
 def _files() -> dict[str, Path]:
-    """Return plain name and file of every part."""
+    """Return the file of every part, by its plain name."""
     return {_plain(path.stem): path for path in sorted(FOLDER.glob("*.toml"))}
 
 
@@ -159,18 +159,18 @@ def read_part(path: Path) -> Part:
         if figure.key not in _DIMENSIONS or figure.document not in file.documents:
             raise ConfigError("imu.unknown_figure", where=str(path), key=figure.key, document=figure.document)
     chosen = _chosen(file)
-    made = []
-    for each in file.figures:
-        of, used = file.documents[each.document], each is chosen[each.key]
-        text = (each.value,) if isinstance(each.value, str) else tuple(each.value)
-        origin = of.title, of.where, of.provenance
-        made.append(Figure(each.key, text, _si(each, path), each.statistic, each.stated, *origin, used))
-    figures = tuple(made)
+    converted = []
+    for row in file.figures:
+        document, used = file.documents[row.document], row is chosen[row.key]
+        text = (row.value,) if isinstance(row.value, str) else tuple(row.value)
+        origin = document.title, document.where, document.provenance
+        converted.append(Figure(row.key, text, _si(row, path), row.statistic, row.stated, *origin, used))
+    figures = tuple(converted)
     return Part(file.name, file.maker, file.grade, file.temperature, file.note, figures, _spec(file, figures))
 
 
 def _chosen(file: _File) -> dict[str, _Figure]:
-    """Return the effective figure of every key."""
+    """Choose a figure for every key: no Allan minimum if possible, then the most direct document, the largest value."""
 
     def standing(figure: _Figure) -> tuple[bool, int, float]:
         rank = PROVENANCE.index(file.documents[figure.document].provenance)
@@ -191,17 +191,17 @@ def _si(figure: _Figure, path: Path) -> FloatArray:
 
 
 def _spec(file: _File, figures: tuple[Figure, ...]) -> ImuSpec:
-    """Build the error specification from the effective figures."""
-    found = {figure.key: figure.sd for figure in figures if figure.used}
+    """Build the error specification from the figures with `used`."""
+    sd_by_key = {figure.key: figure.sd for figure in figures if figure.used}
     sensors, absent = {}, []
     for name in SENSORS:
-        given = {key.partition(".")[2]: value for key, value in found.items() if key.startswith(f"{name}.")}
+        given = {key.partition(".")[2]: value for key, value in sd_by_key.items() if key.startswith(f"{name}.")}
         usual = [*(term.key for term in terms_of(name) if term.usual), "correlation_time"]
         absent += [f"{name}.{key}" for key in usual if key not in given]
         tau = float(given.pop("correlation_time", np.full(3, HOUR))[0])
         tau = tau if "bias_instability" in given else math.inf
         sensors[name] = SensorSpec(correlation_time=tau, **given)
-    documents = "; ".join(f"{each.title} ({each.where})" for each in file.documents.values())
+    documents = "; ".join(f"{document.title} ({document.where})" for document in file.documents.values())
     return ImuSpec(
         file.name, sensors["gyro"], sensors["accel"], source=f"{documents}. {file.note}".strip(), absent=tuple(absent)
     )

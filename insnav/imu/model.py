@@ -1,11 +1,11 @@
-"""IMU error model: one object that corrupts and corrects samples, and sampling of sensor realisations.
+"""IMU error model: add known errors to true samples, remove them from measured samples, sample random errors.
 
 measured = matrix @ true + bias, with matrix = I + S + M: scale factor errors S on the diagonal, misalignment M off it;
 P. D. Groves, Principles of GNSS, Inertial, and Multisensor Integrated Navigation Systems, 2nd ed. (2013), eqs. 4.17 and
 4.18. Raw outputs, volts or counts, are first converted to rates and specific forces.
 
-Further errors are asymmetry, curvature, temperature, gravity, size effect. If a sensor with bias and matrix alone
-outputs z (without bias), the output with these terms is
+Further errors are asymmetry a, curvature q, temperature slopes s (scale factor) and b (bias), g-sensitivity G, size
+effect. With z = matrix @ true, the output before the bias is added is
 
     y = (1 + s dT) z + a |z| + q z^2 + b dT [+ G f for gyros],    dT = T - T_ref
 
@@ -14,8 +14,8 @@ with all terms per axis except the g-sensitivity ``G`` of gyros to the specific 
 Std 1293-2018 annex A list these terms; Groves (2013), sections 4.4.3 to 4.4.6.
 
 Dynamic compensation corrects the remaining non-linearity of gyros by a continuous, piecewise linear map. In each range
-of the measured rate m the error is ``k m + b``, and the rate ``m - (k m + b)``. The lines meet at the borders, and
-every ``k`` is below 1, so the map has exactly one inverse.
+of the measured rate m the error is ``k m + b``, and the corrected rate ``m - (k m + b)``. The lines meet at the
+borders, and every ``k`` is below 1, so the map has exactly one inverse.
 """
 
 from __future__ import annotations
@@ -32,15 +32,15 @@ from insnav.imu.specification import ImuSpec, SensorSpec, zero_matrix, zeros
 from insnav.types import FloatArray, ImuData
 from insnav.units import UNITS, units_of
 
-REFERENCE_TEMPERATURE = 25.0  # default of a calibration [deg C]
-MAX_CONDITION = 1e6  # a larger condition number loses sensor resolution in the inverse
-GAP = 1.75  # an interval longer than this multiple of the median has lost samples
+REFERENCE_TEMPERATURE = 25.0  # default temperature of a calibration [deg C]
+MAX_CONDITION = 1e6  # largest condition number of a matrix: beyond it, the inverse amplifies resolution errors too much
+GAP = 1.75  # samples were lost in intervals longer than this multiple of the median interval
 _eye = partial(np.eye, 3)
 
 
 @dataclass(frozen=True, slots=True)
 class RawScale:
-    """Line of each sensor of a triad: ``value = (output - zero) / scale``.
+    """Linear conversion of raw outputs (volts or counts) of a sensor triad: ``value = (output - zero) / scale``.
 
     It converts file columns to rates [rad/s] or specific forces [m/s^2] on reading, before axes are exchanged and known
     errors corrected.
@@ -48,9 +48,9 @@ class RawScale:
     Raises ConfigError: another unit, another shape, a value that is not finite, or a scale of zero.
     """
 
-    unit: str  # of the output: ``V``, ``mV``, ``uV`` or ``LSB``
-    zero: FloatArray  # (3,) output without input, x, y, z [unit]
-    # (3,) output per input [unit/(rad/s)] or [unit/(m/s^2)]; negative for a sensor mounted upside down
+    unit: str  # unit of the output: ``V``, ``mV``, ``uV`` or ``LSB``
+    zero: FloatArray  # (3,) output of x, y, z at zero input [unit]
+    # (3,) change of output per input [unit/(rad/s)] or [unit/(m/s^2)]; negative for a sensor mounted upside down
     scale: FloatArray
 
     def __post_init__(self) -> None:
@@ -65,8 +65,8 @@ class RawScale:
     def value(self, output: FloatArray, axis: int, unit: str | None = None) -> FloatArray:
         """Convert outputs of one sensor to rate [rad/s] or specific force [m/s^2].
 
-        `output` (n,): of the sensor. `axis`: 0, 1, 2 for x, y, z. `unit`: of `output` if it differs from the own unit,
-        such as mV for V. Raises ConfigError: counts instead of volts, or volts instead of counts.
+        `output` (n,): output of the sensor. `axis`: 0, 1, 2 for x, y, z. `unit`: unit of `output` if it is not
+        `self.unit`, such as mV instead of V. Raises ConfigError: counts instead of volts, or volts instead of counts.
         """
         factor = 1.0
         if unit is not None and unit != self.unit:
@@ -78,19 +78,19 @@ class RawScale:
 
 @dataclass(frozen=True, slots=True)
 class ErrorTerms:
-    """Further errors of a sensor triad, zero by default.
+    """Errors of a sensor triad besides bias and matrix, zero by default.
 
-    Raises ConfigError: a value that is not finite, or terms too large for an inverse.
+    Raises ConfigError: an array of another shape, a value that is not finite, or an asymmetry above 0.5.
     """
 
-    # (3,) half of the difference: scale factor of positive minus scale factor of negative values [-]
+    # (3,) half the difference between the scale factors of positive and of negative inputs [-]
     asymmetry: FloatArray = field(default_factory=zeros)
     quadratic: FloatArray = field(default_factory=zeros)  # (3,) second-order non-linearity [1/(rad/s)] or [1/(m/s^2)]
-    bias_slope: FloatArray = field(default_factory=zeros)  # (3,) bias by temperature [rad/s/K] or [m/s^2/K]
-    scale_slope: FloatArray = field(default_factory=zeros)  # (3,) scale factor by temperature [1/K]
-    # (3, 3) of gyros: rate by specific force [rad/s/(m/s^2)]
+    bias_slope: FloatArray = field(default_factory=zeros)  # (3,) change of bias per temperature [rad/s/K] or [m/s^2/K]
+    scale_slope: FloatArray = field(default_factory=zeros)  # (3,) change of scale factor per temperature [1/K]
+    # (3, 3) gyros only: rate error per specific force [rad/s/(m/s^2)]
     g_sensitivity: FloatArray = field(default_factory=zero_matrix)
-    # (3, 3) of accelerometers: row i is the position of accelerometer i from the navigated point, body axes [m]
+    # (3, 3) accelerometers only: row i is the position of accelerometer i from the navigated point, body axes [m]
     positions: FloatArray = field(default_factory=zero_matrix)
 
     def __post_init__(self) -> None:
@@ -108,19 +108,19 @@ class ErrorTerms:
         return bool(np.any(self.bias_slope) or np.any(self.scale_slope))
 
     def shown(self, z: FloatArray, warmer: FloatArray | None) -> FloatArray:
-        """Compute the sensor output.
+        """Compute the sensor output y of the module's formula, before bias and g-sensitivity are added, (n, 3).
 
-        `z` (n, 3): after the matrix, without bias [rad/s] or [m/s^2]. `warmer` (n,): temperature above the reference
-        [K]. Returns (n, 3): without bias and g-sensitivity.
+        `z` (n, 3): matrix @ true input [rad/s] or [m/s^2]. `warmer` (n,): temperature above the reference [K]; None:
+        nothing depends on temperature.
         """
         y = z * self._gain(warmer) + self.asymmetry * np.abs(z) + self.quadratic * z * z
         return np.asarray(y if warmer is None else y + warmer[:, None] * self.bias_slope)
 
     def meant(self, y: FloatArray, warmer: FloatArray | None) -> FloatArray:
-        """Invert `shown`: the root of the quadratic with the right sign, in a form without cancellation.
+        """Invert `shown`: solve its quadratic equation for z, in a form without cancellation.
 
         `y` (n, 3): output without bias and g-sensitivity [rad/s] or [m/s^2]. `warmer` (n,): temperature above the
-        reference [K]. Raises InputError: a value that the curvature never reaches.
+        reference [K]. Raises InputError: an output that no input gives, because of the curvature.
         """
         if warmer is not None:
             y = y - warmer[:, None] * self.bias_slope
@@ -137,37 +137,37 @@ class ErrorTerms:
 
 SHAPES = {each.name: (3, 3) if each.default_factory is zero_matrix else (3,) for each in fields(ErrorTerms)}
 _SAMPLED_TERMS = tuple(key for key in SHAPES if key != "positions")
-SAMPLED = frozenset({"bias", "scale_factor", "misalignment", *_SAMPLED_TERMS})  # terms of `sample_errors`
+SAMPLED = frozenset({"bias", "scale_factor", "misalignment", *_SAMPLED_TERMS})  # errors that `sample_errors` samples
 
 
 def size_effect(rate: FloatArray, dt: FloatArray, positions: FloatArray) -> FloatArray:
-    """Compute the specific force differences of accelerometers at different positions (Groves 2013, eq. 4.15).
+    """Compute the additional specific force of accelerometers due to their positions (Groves 2013, eq. 4.15).
 
     `rate` (n, 3): angular rate [rad/s]. `dt` (n,): sampling intervals [s]. `positions` (3, 3): row i is the position of
-    accelerometer i [m]. Returns (n, 3): [m/s^2]. Angular acceleration comes from rate differences, valid for motion
-    slow against the sampling.
+    accelerometer i [m]. Returns (n, 3): [m/s^2]. Angular acceleration is the rate difference
+    between samples, so the motion must be slow compared with the sampling.
     """
     time = np.cumsum(dt)
-    change = np.gradient(rate, time, axis=0)
-    felt = np.empty_like(rate)
+    angular_acceleration = np.gradient(rate, time, axis=0)
+    force = np.empty_like(rate)
     for axis in range(3):
         r = positions[axis]
-        felt[:, axis] = (np.cross(change, r) + np.cross(rate, np.cross(rate, r)))[:, axis]
-    return felt
+        force[:, axis] = (np.cross(angular_acceleration, r) + np.cross(rate, np.cross(rate, r)))[:, axis]
+    return force
 
 
-SMALLEST_SLOPE = 0.1  # of the compensated over the measured rate; a smaller slope means a broken gyro
+SMALLEST_SLOPE = 0.1  # smallest slope of the compensated against the measured rate; below it, the gyro is broken
 
 
 @dataclass(frozen=True, slots=True)
 class AxisMap:
-    """Error of one gyro over its measured rate, linear between knots and beyond the outer ones.
+    """Error of one gyro as a function of its measured rate, linear between knots and beyond the outermost knots.
 
     Raises ConfigError: invalid arrays, or a map without inverse.
     """
 
     rate: FloatArray  # (k,) measured rates at the knots [rad/s], increasing, at least two
-    error: FloatArray  # (k,) error there, measured minus true [rad/s]
+    error: FloatArray  # (k,) error at the knots, measured minus true [rad/s]
 
     def __post_init__(self) -> None:
         rate, error = np.asarray(self.rate), np.asarray(self.error)
@@ -188,22 +188,22 @@ class AxisMap:
         return _line(self.rate, self.error, measured)
 
     def inverse(self, compensated: FloatArray) -> FloatArray:
-        """Invert `apply`."""
+        """Convert compensated rates back to measured rates [rad/s]: the inverse of `apply`."""
         return _line(self.rate - self.error, self.rate, compensated)
 
 
 @dataclass(frozen=True, slots=True)
 class DynamicMap:
-    """Maps of three gyros."""
+    """Maps of the rate-dependent errors of three gyros."""
 
-    axes: tuple[AxisMap | None, ...]  # of x, y, z; None: no correction
+    axes: tuple[AxisMap | None, ...]  # map of gyro x, y, z; None: no correction
 
     def apply(self, measured: FloatArray) -> FloatArray:
         """Subtract the errors from measured rates, (n, 3) [rad/s]."""
         return self._by_axis(AxisMap.apply, measured)
 
     def inverse(self, compensated: FloatArray) -> FloatArray:
-        """Invert `apply`."""
+        """Convert compensated rates back to measured rates, (n, 3) [rad/s]: the inverse of `apply`."""
         return self._by_axis(AxisMap.inverse, compensated)
 
     def _by_axis(self, change: Callable[[AxisMap, FloatArray], FloatArray], rate: FloatArray) -> FloatArray:
@@ -212,7 +212,7 @@ class DynamicMap:
 
 
 def _line(x: FloatArray, y: FloatArray, at: FloatArray) -> FloatArray:
-    """Interpolate linearly through the points, with linear extrapolation."""
+    """Interpolate linearly between the points (x, y), and extrapolate linearly beyond them."""
     at = np.asarray(at, dtype=np.float64)
     piece = np.clip(np.searchsorted(x, at, side="right") - 1, 0, x.size - 2)
     slope = np.diff(y) / np.diff(x)
@@ -233,9 +233,9 @@ class ImuErrors:
     accel_matrix: FloatArray = field(default_factory=_eye)  # (3, 3) accelerometer sensitivity [-]
     name: str = ""  # name of the calibrated IMU
     date: str = ""  # calibration date
-    # of the calibration [deg C]; temperature terms refer to it, or to 25 deg C
+    # temperature of the calibration [deg C], at which temperature terms are zero; None: 25 deg C
     temperature: float | None = None
-    gyro_map: DynamicMap | None = None  # remaining error of non-linear gyros after all other corrections
+    gyro_map: DynamicMap | None = None  # error of non-linear gyros that remains after all other corrections
     # conversion of a file's volts or counts to rates and specific forces, if any. The reader applies it, not `correct`
     gyro_raw: RawScale | None = None
     accel_raw: RawScale | None = None
@@ -253,7 +253,7 @@ class ImuErrors:
                 raise ConfigError("imu.calibration_shape", where=where, sensor=sensor, bias=shapes[0], matrix=shapes[1])
             if not (np.isfinite(bias).all() and np.isfinite(matrix).all()):
                 raise ConfigError("imu.calibration_not_finite", where=sensor, sensor=sensor)
-            near = float(np.abs(matrix - np.eye(3)).sum()) < 0.5  # to the identity: its condition number is below 3
+            near = float(np.abs(matrix - np.eye(3)).sum()) < 0.5  # near the identity: the condition number is below 3
             if not near and not (condition := float(np.linalg.cond(matrix))) < MAX_CONDITION:
                 raise ConfigError(
                     "imu.matrix_not_invertible", where=f"{sensor}.matrix", sensor=sensor, condition=condition
@@ -261,9 +261,9 @@ class ImuErrors:
 
 
 def sample_intervals(imu: ImuData) -> FloatArray:
-    """Compute the length of the interval of each sample.
+    """Compute the sampling interval of each sample.
 
-    It is the time since the previous sample. The first sample, and samples after a gap, get the median interval.
+    Interval: time since the previous sample. The first sample, and samples after a gap, get the median interval.
 
     Returns: (n,): interval lengths [s].
     Raises: InputError: fewer than two samples: the interval is unknown.
@@ -271,13 +271,13 @@ def sample_intervals(imu: ImuData) -> FloatArray:
     if imu.time.size < 2:
         raise InputError("data.few_samples", count=imu.time.size)
     spacing = spill.steps(imu.time)
-    usual = float(np.median(spacing))
-    spacing[spacing > GAP * usual] = usual
-    return spill.joined((np.array([usual]), spacing))
+    median = float(np.median(spacing))
+    spacing[spacing > GAP * median] = median
+    return spill.joined((np.array([median]), spacing))
 
 
 def per_sample(imu: ImuData) -> FloatArray | float:
-    """Return the factor from rate or specific force to the unit of the samples: for increments the interval, (n, 1)."""
+    """Return the factor from rates and specific forces to samples: 1, or the intervals of increments, (n, 1) [s]."""
     return sample_intervals(imu)[:, None] if imu.sampling == "increment" else 1.0
 
 
@@ -309,42 +309,42 @@ def correct(imu: ImuData, errors: ImuErrors) -> ImuData:
     without temperature.
     """
     accel_terms = errors.accel_terms or ErrorTerms()
-    sized = bool(np.any(accel_terms.positions))
-    dt = sample_intervals(imu)[:, None] if sized or imu.sampling == "increment" else None
+    size_effects = bool(np.any(accel_terms.positions))
+    dt = sample_intervals(imu)[:, None] if size_effects or imu.sampling == "increment" else None
     gyro, accel = spill.empty(imu.gyro.shape), spill.empty(imu.accel.shape)
-    # the angular acceleration of a block needs its neighbouring samples
-    for part in spill.blocks(len(imu.time), size=len(imu.time) if sized else 0):
+    # size effect: all samples in one block, as angular accelerations need neighbouring samples
+    for part in spill.blocks(len(imu.time), size=len(imu.time) if size_effects else 0):
         gyro[part], accel[part] = _straight(imu.rows(part), None if dt is None else dt[part], errors)
     return replace(imu, gyro=gyro, accel=accel)
 
 
 def _bent(imu: ImuData, errors: ImuErrors) -> ImuData:
-    """Apply `corrupt` with error terms: sensed force of the accelerometers, their output, then the gyros."""
+    """Add all errors with `ErrorTerms`: first to the force at each accelerometer, then to its output, then to gyros."""
     gyro_terms, accel_terms = errors.gyro_terms or ErrorTerms(), errors.accel_terms or ErrorTerms()
     dt, warmer = sample_intervals(imu), _warmer(imu, errors, gyro_terms.by_temperature or accel_terms.by_temperature)
     span = dt[:, None] if imu.sampling == "increment" else 1.0
     rate, force = np.asarray(imu.gyro / span), np.asarray(imu.accel / span)
-    felt = force + size_effect(rate, dt, accel_terms.positions) if np.any(accel_terms.positions) else force
-    accel = accel_terms.shown(felt @ errors.accel_matrix.T, warmer) + errors.accel_bias
-    turned = rate if errors.gyro_map is None else errors.gyro_map.inverse(rate)
-    gyro = gyro_terms.shown(turned @ errors.gyro_matrix.T, warmer) + errors.gyro_bias
-    gyro = gyro + felt @ gyro_terms.g_sensitivity.T
+    sensed_force = force + size_effect(rate, dt, accel_terms.positions) if np.any(accel_terms.positions) else force
+    accel = accel_terms.shown(sensed_force @ errors.accel_matrix.T, warmer) + errors.accel_bias
+    uncompensated = rate if errors.gyro_map is None else errors.gyro_map.inverse(rate)
+    gyro = gyro_terms.shown(uncompensated @ errors.gyro_matrix.T, warmer) + errors.gyro_bias
+    gyro = gyro + sensed_force @ gyro_terms.g_sensitivity.T
     return replace(imu, gyro=np.ascontiguousarray(gyro * span), accel=np.ascontiguousarray(accel * span))
 
 
 def _straight(imu: ImuData, dt: FloatArray | None, errors: ImuErrors) -> tuple[FloatArray, FloatArray]:
-    """Invert `_bent`, in the opposite order. `dt` (n, 1): lengths of the intervals [s], if needed."""
+    """Remove all errors: invert `_bent` in reverse order. `dt` (n, 1): sampling intervals [s], if needed."""
     gyro_terms, accel_terms = errors.gyro_terms or ErrorTerms(), errors.accel_terms or ErrorTerms()
     warmer = _warmer(imu, errors, gyro_terms.by_temperature or accel_terms.by_temperature)
     span = dt if dt is not None and imu.sampling == "increment" else 1.0
-    felt = accel_terms.meant(np.asarray(imu.accel / span - errors.accel_bias), warmer)
-    felt = np.asarray(np.linalg.solve(errors.accel_matrix, felt.T).T, dtype=np.float64)
-    turning = np.asarray(imu.gyro / span - errors.gyro_bias - felt @ gyro_terms.g_sensitivity.T)
-    rate = np.ascontiguousarray(np.linalg.solve(errors.gyro_matrix, gyro_terms.meant(turning, warmer).T).T)
+    sensed_force = accel_terms.meant(np.asarray(imu.accel / span - errors.accel_bias), warmer)
+    sensed_force = np.asarray(np.linalg.solve(errors.accel_matrix, sensed_force.T).T, dtype=np.float64)
+    output = np.asarray(imu.gyro / span - errors.gyro_bias - sensed_force @ gyro_terms.g_sensitivity.T)
+    rate = np.ascontiguousarray(np.linalg.solve(errors.gyro_matrix, gyro_terms.meant(output, warmer).T).T)
     rate = rate if errors.gyro_map is None else errors.gyro_map.apply(rate)
     if dt is not None and np.any(accel_terms.positions):
-        felt = felt - size_effect(rate, dt[:, 0], accel_terms.positions)
-    return rate * span, felt * span
+        sensed_force = sensed_force - size_effect(rate, dt[:, 0], accel_terms.positions)
+    return rate * span, sensed_force * span
 
 
 def _warmer(imu: ImuData, errors: ImuErrors, matters: bool) -> FloatArray | None:
@@ -359,8 +359,8 @@ def _warmer(imu: ImuData, errors: ImuErrors, matters: bool) -> FloatArray | None
 def sample_errors(spec: ImuSpec, rng: np.random.Generator) -> ImuErrors:
     """Sample the constant errors of one sensor realisation: turn-on bias, scale factor and misalignment.
 
-    `spec`: standard deviations, all errors independent and Gaussian. `rng`: source of randomness; the count of drawn
-    numbers is constant, so that a zero does not shift later values.
+    `spec`: standard deviations, all errors independent and Gaussian. `rng`: random generator. The count of random
+    numbers is always the same, so a standard deviation of zero does not change the other errors of a seed.
     """
 
     def sampled(sensor: SensorSpec) -> tuple[FloatArray, FloatArray]:

@@ -1,9 +1,9 @@
 """White noise of an IMU at rest, and the nearest preset.
 
 A vehicle at rest moves on its suspension below a few Hz, and its engine causes a few lines above. The Allan deviation
-sums all of that. The white noise is the floor between: the power spectral density of white noise of density N is N^2 at
-every frequency (IEEE Std 952-1997, annex C, angle random walk). A low quantile of the spectrum over a band thus ignores
-signals in less than three quarters of it.
+includes both. White noise of density N is the floor of the spectrum between them: its power spectral density is N^2 at
+every frequency (IEEE Std 952-1997, annex C, angle random walk). The 25 % quantile of the spectrum over a band ignores
+signals that occupy less than three quarters of the band.
 """
 
 from __future__ import annotations
@@ -22,27 +22,27 @@ from insnav.imu.specification import PRESETS, ImuSpec
 from insnav.types import FloatArray, ImuData, RoundingChange
 from insnav.units import DEG_PER_H, DEG_PER_SQRT_H, M_S_PER_SQRT_H
 
-# Length of the averaged pieces, also the shortest record [s], and the band [Hz]. Below are drift and window leakage of
-# the mean, above engines, quantisation and the sensors' filters.
+# Length of the averaged pieces, which is the shortest record [s], and both ends of the band [Hz]. Below the band are
+# drift and window leakage of the mean; above are engines, quantisation and the filters of the sensors.
 BAND = 4.0, 0.5, 10.0
-# Band of the noise between fixes: an idling engine is above it, and oscillation adds up to no angle.
+# Band of the noise that matters between fixes. An idling engine is above; its oscillation does not build up an angle.
 SLOW = 20.0, 0.1, 0.5
-PIECES = 64  # memory is released after this many
-NYQUIST_PART = 0.8  # of the Nyquist frequency: nearer to it anti-aliasing filters lower the floor
-QUANTILE = 0.25
-LEVELS = 0.1  # distinct values of a coarse sensor, relative to its samples
-# Share of two neighbouring values in a second, by noise of a third of a step in the middle of a step. Such noise leaves
-# a tenth of the rounding bias. Less noise leaves it also where the gyro alternates between two values [-].
+PIECES = 64  # memory is released after this many pieces
+NYQUIST_PART = 0.8  # largest share of the Nyquist frequency in a band: anti-aliasing filters lower the floor above
+QUANTILE = 0.25  # the floor is this quantile of the power in the band
+LEVELS = 0.1  # a sensor is coarsely quantised if its distinct values are at most this share of its samples
+# Rounding acts as a bias if two neighbouring values have more than this share of the samples [-]. Noise with a
+# third of a step as sd gives this share in the middle of a step, and leaves a tenth of the bias.
 HELD = 0.93
-LOOKED = 1 << 16  # samples examined for steps
+LOOKED = 1 << 16  # number of samples examined for the resolution
 
 # Of presets within this factor of the nearest distance, the least accurate is chosen. Noise alone does not separate
-# neighbouring grades, and a too good grade makes the filter over-confident in biases.
+# neighbouring grades, and too accurate a grade makes the filter over-confident in biases.
 SAME = 1.5
-# If the gyros' mean at rest agrees with the Earth's rate within this share, larger biases than that rate are improbable
-# (below one per cent).
+# If the gyros' mean at rest agrees with the Earth's rate within this share, biases above the Earth's rate are
+# improbable (below one per cent).
 EARTH_SEEN = 0.1
-_SMALLEST = 1e-12  # SI, far below any sensor: keeps the logarithm of noise-free data finite
+_SMALLEST = 1e-12  # lower limit of noise in SI units, far below any sensor: keeps its logarithm finite
 
 
 def white_noise(
@@ -50,9 +50,9 @@ def white_noise(
 ) -> tuple[FloatArray, FloatArray]:
     """Estimate the white noise of the sensors from a stationary interval.
 
-    It is the 25 % quantile of the power spectral density over a band (0.5 to 10 Hz), divided by the same quantile for
-    white noise (chi-square; P. D. Welch, IEEE Trans. Audio Electroacoust. AU-15 (1967) 70). The lower limit is the
-    resolution noise; see `resolution_noise`.
+    The estimate is the 25 % quantile of the power spectral density over a band (0.5 to 10 Hz). It is divided by the
+    quantile of unit white noise (chi-square; P. D. Welch, IEEE Trans. Audio Electroacoust. AU-15 (1967) 70). The result
+    is at least the noise of rounding; see `resolution_noise`.
 
     `start`, `end`: the stationary interval [s], both ends included, at least 4 s. `band`: `BAND` or `SLOW`. The
     relative sd of a density is 18 % from 4 s and 5 % from 20 s; with `SLOW` 15 % from 60 s.
@@ -90,13 +90,13 @@ def _floor(imu: ImuData, rows: slice, interval: float, length: int, band: tuple[
     step = length // 2
     count = (rows.stop - rows.start - length) // step + 1
     power = np.zeros((length // 2 + 1, 6))
-    took = sample_intervals(imu)[:, None] if imu.sampling == "increment" else None
+    intervals = sample_intervals(imu)[:, None] if imu.sampling == "increment" else None
     for number, first in enumerate(range(rows.start, rows.start + count * step, step)):
-        some = slice(first, first + length)
-        piece = np.hstack([imu.gyro[some], imu.accel[some]])
-        if took is not None:
-            piece /= took[some]
-        if number % PIECES == 0:  # of a stop that may last for days
+        samples = slice(first, first + length)
+        piece = np.hstack([imu.gyro[samples], imu.accel[samples]])
+        if intervals is not None:
+            piece /= intervals[samples]
+        if number % PIECES == 0:  # limits memory, as a stop may last for days
             spill.release()
         power += np.abs(np.fft.rfft((piece - piece.mean(axis=0)) * window, axis=0)) ** 2
     power *= interval / (count * float(np.sum(window**2)))
@@ -108,70 +108,70 @@ def _floor(imu: ImuData, rows: slice, interval: float, length: int, band: tuple[
 
 
 def _chi_square_quantile(probability: float, freedom: float) -> float:
-    """Approximate by Wilson and Hilferty (PNAS 17 (1931) 684), within 2 % from 2 degrees of freedom on."""
+    """Approximate the chi-square quantile (Wilson and Hilferty, PNAS 17 (1931) 684), within 2 % from 2 degrees on."""
     spread = 2.0 / (9.0 * freedom)
     return freedom * (1.0 - spread + NormalDist().inv_cdf(probability) * math.sqrt(spread)) ** 3
 
 
 def resolution_noise(imu: ImuData) -> tuple[FloatArray, FloatArray]:
-    """Compute the white noise by rounding of samples, (3,) each, as `white_noise`.
+    """Compute the white noise that rounding of the samples causes, gyros and accelerometers as in `white_noise`.
 
-    A rounding error is uniform over one step. If the signal crosses steps it is white, with a variance per sample of
-    step^2 / 12 (B. Widrow and I. Kollar, "Quantization Noise", Cambridge 2008, chapter 4). A constant output at rest
-    has no such noise.
+    A rounding error is uniform over one step. If the signal crosses steps, the error is white with a variance per
+    sample of step^2 / 12 (B. Widrow and I. Kollar, "Quantization Noise", Cambridge 2008, chapter 4). A constant output
+    at rest has no such noise.
     """
     interval = float(np.median(np.diff(imu.time[: spill.ROWS])))
     density = np.sqrt(interval / 12.0) / (interval if imu.sampling == "increment" else 1.0)
-    gyro, accel = (np.array([resolution(column) for column in each.T]) for each in (imu.gyro, imu.accel))
+    gyro, accel = (np.array([resolution(column) for column in signals.T]) for signals in (imu.gyro, imu.accel))
     return density * gyro, density * accel
 
 
 def rounding_changes(imu: ImuData) -> tuple[RoundingChange, ...]:
-    """Find when the rounding errors of gyros of coarse resolution change.
+    """Find the times at which the rounding errors of coarsely quantised gyros change.
 
-    Where a second has nearly no third value, little noise averages the rounding error. It acts as a bias until the gyro
-    crosses its steps, or stays at another one.
+    If a gyro has hardly more than two values within a second, noise does not average its rounding error. The error acts
+    as a bias until the rate moves to another step.
     """
     step = np.array([resolution(column) for column in imu.gyro.T])
     if not step.any():
         return ()
     first = np.unique(np.searchsorted(imu.time, np.arange(imu.time[0], imu.time[-1])))
     seconds = np.split(imu.gyro, first[1:])
-    variance = np.array([rounding_variance(each, step) for each in seconds])
-    level = np.where(variance > 0.0, [each.mean(axis=0) for each in seconds], np.inf)
-    kept, begin = np.ones((len(seconds) - 1, 3), dtype=np.bool_), level[0].copy()
-    for here, same in zip(level[1:], kept, strict=True):  # slow changes of rate add up
-        same[:] = np.isclose(here, begin, rtol=0.0, atol=0.25 * step)  # infinities are equal
-        begin[~same] = here[~same]
-    for axis, same in enumerate(kept.T):
-        run = np.cumsum(np.append(False, ~same))
-        variance[:, axis] = (np.bincount(run, variance[:, axis]) / np.bincount(run))[run]
+    variance = np.array([rounding_variance(second_values, step) for second_values in seconds])
+    level = np.where(variance > 0.0, [second_values.mean(axis=0) for second_values in seconds], np.inf)
+    level_kept, start = np.ones((len(seconds) - 1, 3), dtype=np.bool_), level[0].copy()
+    for second, constant in zip(level[1:], level_kept, strict=True):  # compared with `start`: slow changes add up
+        constant[:] = np.isclose(second, start, rtol=0.0, atol=0.25 * step)  # infinite in seconds without rounding bias
+        start[~constant] = second[~constant]
+    for axis, constant in enumerate(level_kept.T):  # mean variance of each run of seconds at one level
+        run_number = np.cumsum(np.append(False, ~constant))
+        variance[:, axis] = (np.bincount(run_number, variance[:, axis]) / np.bincount(run_number))[run_number]
     variance /= np.median(per_sample(imu)) ** 2
     return tuple(
-        RoundingChange(float(imu.time[first[i + 1]]), *np.where(kept[i], np.nan, variance[i : i + 2]))
-        for i in np.flatnonzero(~kept.all(axis=1))
+        RoundingChange(float(imu.time[first[i + 1]]), *np.where(level_kept[i], np.nan, variance[i : i + 2]))
+        for i in np.flatnonzero(~level_kept.all(axis=1))
     )
 
 
 def rounding_variance(values: FloatArray, step: FloatArray) -> FloatArray:
-    """Compute the variance of the mean rounding error of each column (n, 3), zero if noise averages it.
+    """Compute the variance of the mean rounding error of each column, (3,); zero if noise averages the error.
 
-    A share f of the samples is at a neighbouring value, with the normal quantile q(f). Noise of sd s then has the mean
-    error f - 1/2 - s q(f), in steps. It is between f - 1/2 without noise and nearly zero. A uniform
-    distribution there has the variance (1/2 - f)^2 / 3. A constant value gives step^2 / 12 (B. Widrow and I. Kollar,
-    "Quantization Noise", Cambridge 2008, chapters 4 and 19).
+    `values` (n, 3), `step` (3,): resolution. A share f of the samples has a neighbouring value. Noise of sd s then
+    gives the mean error f - 1/2 - s q(f), in steps, with the normal quantile q. It is between f - 1/2 without noise and
+    nearly zero; a uniform distribution there has the variance (1/2 - f)^2 / 3. A constant value gives step^2 / 12 (B.
+    Widrow and I. Kollar, "Quantization Noise", Cambridge 2008, chapters 4 and 19).
     """
-    off = values - np.median(values, axis=0)
-    shares = [(np.abs(off - side * step) < 0.75 * step).mean(axis=0) for side in (-0.5, 0.0, 0.5)]
+    deviation = values - np.median(values, axis=0)
+    shares = [(np.abs(deviation - side * step) < 0.75 * step).mean(axis=0) for side in (-0.5, 0.0, 0.5)]
     one_value = np.maximum(shares[1], 0.5)
     return np.where(np.maximum(shares[0], shares[2]) > HELD, (step * (one_value - 0.5)) ** 2 / 3.0, 0.0)
 
 
 def resolution(column: FloatArray) -> float:
-    """Return the distance of neighbouring values, if they are few, else 0."""
-    some = column[:: 1 + column.shape[0] // LOOKED]
-    levels = np.unique(some)
-    if levels.size > LEVELS * some.size or levels.size < 3:
+    """Return the median distance between neighbouring values of a signal; 0 if it is not coarsely quantised."""
+    samples = column[:: 1 + column.shape[0] // LOOKED]
+    levels = np.unique(samples)
+    if levels.size > LEVELS * samples.size or levels.size < 3:
         return 0.0
     gaps = np.diff(levels)
     return float(np.median(gaps[gaps > 1e-9 * np.abs(levels).max()]))
@@ -185,17 +185,18 @@ def nearest_preset(
 ) -> tuple[ImuSpec, str]:
     """Choose the preset with white noise nearest to a measured one.
 
-    The distance is between log noise of the quietest axes, as the others contain more vehicle vibration. Accelerometers
-    at rest in a vehicle measure more vibration than own noise, so only noisier presets count as distant. Among presets
-    almost as near the least accurate is chosen. Presets with gyro biases above the Earth's rate are excluded if the
-    gyros resolve that rate.
+    The distance is between log noise of the quietest axes, as other axes contain more vehicle vibration. Accelerometers
+    at rest in a vehicle measure more vibration than own noise, so only noisier presets count as distant. Of presets
+    almost equally near, the least accurate is chosen. Presets with gyro biases above the Earth's rate are excluded if
+    the gyros resolve the Earth's rate.
 
     `gyro_density` (3,): noise density of the gyros [rad/sqrt(s)]. `accel_density` (3,): noise density of the
     accelerometers [m/s/sqrt(s)]. `mean_rate` (3,): mean gyro output over the stationary interval [rad/s].
+    `rounded` (3,): its standard deviation by rounding [rad/s].
     Returns: `spec`: the preset. On every axis its random walk is at least the measured one. Its gyro bias is at least
     the difference between mean rate and Earth rate.
     """
-    from insnav.imu.imu_file import load_imu  # noise estimation needs no pydantic
+    from insnav.imu.imu_file import load_imu  # imported here, as noise estimation needs no pydantic
 
     excess = 0.0 if mean_rate is None else rate_excess(mean_rate)
     earth_seen = mean_rate is not None and excess + np.max(rounded) < EARTH_SEEN * OMEGA_EARTH
@@ -217,21 +218,21 @@ def nearest_preset(
         f"{_span(accel_density, M_S_PER_SQRT_H)} m/s/sqrt(h){seen}; the nearest preset is {spec.name!r}, "
         f"taken with the measured noise where that is larger{biased}."
     )
-    found = raise_to_rest(spec, gyro_density, accel_density, excess, rounded)
-    return replace(found, source=f"{sentence} The other figures: {spec.source}"), sentence
+    raised = raise_to_rest(spec, gyro_density, accel_density, excess, rounded)
+    return replace(raised, source=f"{sentence} The other figures: {spec.source}"), sentence
 
 
 def raise_to_rest(
     spec: ImuSpec, gyro: FloatArray, accel: FloatArray, excess: float, rounded: FloatArray | float
 ) -> ImuSpec:
-    """Raise an IMU to its noise densities (3,) and gyro bias at rest: `rate_excess`, and rounding errors."""
+    """Raise a specification to noise densities (3,) at rest, and to gyro biases: `rate_excess` and rounding (3,)."""
     noise = replace(spec.accel, random_walk=np.maximum(spec.accel.random_walk, accel))
     walk, bias = np.maximum(spec.gyro.random_walk, gyro), np.hypot(np.maximum(spec.gyro.bias, excess), rounded)
     return replace(spec, gyro=replace(spec.gyro, bias=bias, random_walk=walk), accel=noise)
 
 
 def rate_excess(mean_rate: FloatArray) -> float:
-    """Compute the least gyro bias [rad/s] by the mean rate at rest (3,): its difference from the Earth's rate."""
+    """Compute the least gyro bias [rad/s] for a mean rate (3,) at rest: its magnitude minus the Earth's rate."""
     return abs(float(np.linalg.norm(mean_rate)) - OMEGA_EARTH)
 
 
@@ -248,9 +249,9 @@ def mean_rate(imu: ImuData, start: float, end: float) -> tuple[FloatArray, Float
     """Compute the mean rate of the gyros from `start` to `end` [s], and its sd by rounding, (3,) each [rad/s]."""
     rows = _rows(imu, start, end)
     step = np.array([resolution(column) for column in imu.gyro.T])
-    took = sample_intervals(imu)[rows].mean() if imu.sampling == "increment" else 1.0
+    interval = sample_intervals(imu)[rows].mean() if imu.sampling == "increment" else 1.0
     rounded = np.sqrt(rounding_variance(imu.gyro[rows][:LOOKED], step))
-    return spill.mean(imu.gyro[rows]) / took, rounded / took
+    return spill.mean(imu.gyro[rows]) / interval, rounded / interval
 
 
 def _log_ratio(measured: FloatArray, preset: FloatArray) -> float:

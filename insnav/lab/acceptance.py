@@ -1,9 +1,9 @@
 """Acceptance test of a sensor: scale factor, bias, bias stability and bias repeatability.
 
-U = U0 + K w over all settings, and over forward and reverse separately; if both exist, their mean counts. Bias is U0 /
-K. Bias stability is the standard deviation of the means of equal parts of a record at rest, over K. Bias repeatability
-is the standard deviation of the biases of several power-ups, over K. Each of these is the mean of the outputs at +w and
-at -w.
+U = U0 + K w is fitted over all settings, and over forward and reverse settings separately. If both exist, the mean of
+forward and reverse counts. Bias is U0 / K. Bias stability is the standard deviation of the means of equal parts of a
+record at rest, over K. Bias repeatability is the standard deviation of the biases of several power-ups, over K. The
+bias of a power-up is the mean of the outputs at +w and at -w.
 """
 
 from __future__ import annotations
@@ -23,20 +23,20 @@ from insnav.types import FloatArray
 from insnav.units import DEG, G0, UNITS
 
 BENCH_UNIT = {"gyro": ("deg/s", DEG), "accel": ("g", G0)}
-COMPLETE = 0.9  # a part with a smaller share of its samples is omitted
+COMPLETE = 0.9  # a part with a smaller share of the expected samples is omitted
 CONFIDENCE = 0.95
 ONE_PART = 1.05  # least record length for a moving average, relative to its window
-LARGEST_K = 2.0  # of a sensor whose output has the unit of its input
+LARGEST_K = 2.0  # largest plausible scale factor of a sensor whose output has the unit of its input
 
 
 @dataclass(frozen=True, slots=True)
 class Scale:
     """Scale factor and bias of one sensor."""
 
-    table: RateTable  # settings and outputs, in deg/s or g and in the unit of the output
-    k: float  # scale factor that counts [output unit per deg/s or g], mean of forward and reverse where both are there
+    table: RateTable  # settings in deg/s or g, outputs in the unit of the output
+    k: float  # scale factor [output unit per deg/s or g]; mean of forward and reverse if both exist
     k_sd: float
-    bias: float  # zero over scale factor [rad/s] or [m/s^2]
+    bias: float  # zero U0 over scale factor K [rad/s] or [m/s^2]
     bias_sd: float
 
 
@@ -45,8 +45,8 @@ class Spread:
     """Standard deviation of a few values."""
 
     values: FloatArray  # (n,) biases of power-ups, or means of the parts of a record [rad/s] or [m/s^2]
-    sd: float  # with n - 1, and its 95 % interval, values taken as independent and normally distributed
-    low: float
+    sd: float  # standard deviation with n - 1
+    low: float  # ends of its 95 % interval, for independent and normally distributed values
     high: float
 
     @property
@@ -59,15 +59,15 @@ class Spread:
 class Stability:
     """Bias stability over parts of one length."""
 
-    length: float  # of a part [s]
+    length: float  # length of a part [s]
     time: FloatArray  # (n,) middle of each part used [s]
-    spread: Spread  # of the means of the parts; NaN where the record holds one part only
+    spread: Spread  # standard deviation of the means of the parts; NaN if the record has only one part
     sliding: float  # standard deviation of the moving average over the same length [rad/s] or [m/s^2]
-    parts: float  # so many parts of this length the record holds
+    parts: float  # length of the record in parts of this length
 
 
 def spread_of(values: FloatArray, *, where: str = "") -> Spread:
-    """Standard deviation with n - 1, and its interval.
+    """Compute the standard deviation with n - 1, and its 95 % interval.
 
     `values` (n,): at least two. Raises: InputError: fewer than two values.
     """
@@ -79,20 +79,20 @@ def spread_of(values: FloatArray, *, where: str = "") -> Spread:
 
 
 def scale_of(channel: Channel, *, where: str = "") -> Scale:
-    """Scale factor and bias of one sensor.
+    """Compute scale factor and bias of one sensor.
 
-    `channel`: one row a dwell. Raises: InputError: too few settings, or a sensor that does not follow them.
+    `channel`: one row per dwell. Raises: InputError: too few settings, or a sensor that does not follow them.
     """
     factor = BENCH_UNIT[channel.axis.split()[0]][1]
-    setting = np.round(channel.setting / factor, 9)  # round numbers, as they were set
+    setting = np.round(channel.setting / factor, 9)  # commanded settings are round numbers
     output = channel.output / factor if channel.unit in SI.values() else channel.output
     where = f"{where}, {channel.axis}"
     if np.unique(setting).size >= FEWEST:
         table = calibrate_rate_table(setting, output, where=where)
-    else:  # six positions set an accelerometer to -1, 0 and 1 g only
+    else:  # in six positions an accelerometer has only the settings -1, 0 and 1 g
         if np.unique(setting).size < 2 or setting.size < 3 or not setting.min() < 0.0 < setting.max():
-            few = tuple(np.unique(setting).tolist())
-            raise InputError("lab.few_settings", where=where, count=setting.size, settings=few)
+            distinct = tuple(np.unique(setting).tolist())
+            raise InputError("lab.few_settings", where=where, count=setting.size, settings=distinct)
         fit = linear_fit(np.column_stack((np.ones_like(setting), setting)), output, NAMES, where=where)
         table = RateTable(setting, output, np.ones(setting.size, dtype=np.bool_), fit, None, None, ())
     average = table.average
@@ -100,68 +100,68 @@ def scale_of(channel: Channel, *, where: str = "") -> Scale:
     if channel.unit in SI.values() and not 1.0 / LARGEST_K < k < LARGEST_K:
         raise InputError("lab.scale_implausible", where=where, scale=k)
     bias = zero / k
-    # the zero is measured about as well as the line; how the scale factor errs matters for large biases only
+    # errors of zero and scale factor are treated as independent; the scale factor matters only for large biases
     bias_sd = float(np.hypot(zero_sd, bias * k_sd)) / abs(k)
     return Scale(table, float(k), float(k_sd), float(bias * factor), bias_sd * factor)
 
 
 def stability_of(time: FloatArray, output: FloatArray, length: float) -> Stability | None:
-    """Bias stability at one averaging time.
+    """Compute the bias stability at one averaging time.
 
-    `time` (n,): [s], growing. `output` (n,): bias over time [rad/s] or [m/s^2], whatever constant is in it. `length`:
-    of the parts [s]. None if the record does not hold two parts of that length.
+    `time` (n,): [s], increasing. `output` (n,): bias over time plus any constant [rad/s] or [m/s^2]. `length`: length
+    of the parts [s]. None if the record is too short or its sampling interval too long for parts of this length.
     """
     expected = length / float(np.median(np.diff(time)))
     if expected < 1.0 - 1e-6:
         return None
-    part = np.floor((time - time[0]) / length * (1.0 + 1e-9) + 1e-6).astype(np.int64)
-    count = np.bincount(part)
-    good = count >= COMPLETE * expected
+    part_number = np.floor((time - time[0]) / length * (1.0 + 1e-9) + 1e-6).astype(np.int64)
+    count = np.bincount(part_number)
+    complete = count >= COMPLETE * expected
     width = round(expected)
-    if not good.any() or time.size < ONE_PART * width:
+    if not complete.any() or time.size < ONE_PART * width:
         return None
-    means = np.bincount(part, output)[good] / count[good]
-    middle = time[0] + length * (np.flatnonzero(good) + 0.5)
-    summed = np.cumsum(np.concatenate(([0.0], output - output.mean())))
-    sliding = float(np.std((summed[width:] - summed[:-width]) / width, ddof=1))
+    means = np.bincount(part_number, output)[complete] / count[complete]
+    middle = time[0] + length * (np.flatnonzero(complete) + 0.5)
+    running_sum = np.cumsum(np.concatenate(([0.0], output - output.mean())))
+    sliding = float(np.std((running_sum[width:] - running_sum[:-width]) / width, ddof=1))
     spread = spread_of(means) if means.size > 1 else Spread(means, np.nan, np.nan, np.nan)
     return Stability(length, middle, spread, sliding, time.size / expected)
 
 
 def powerup_biases(channel: Channel, powerup: FloatArray, *, where: str = "") -> FloatArray:
-    """Bias of each power-up: the mean of the outputs at +w and at -w.
+    """Compute the bias of each power-up: the mean of the outputs at +w and at -w.
 
     `channel`: settings and outputs. `powerup` (n,): number of the power-up of each row. Returns (q,): in the unit of
-    the output. Several w in one power-up are averaged. Raises: InputError: A power-up without rows at +w or at -w, or
-    of other settings than the first.
+    the output. Several w in one power-up are averaged. Raises: InputError: a power-up without rows at +w or at -w, or
+    with other settings than the first.
     """
     biases, first = [], None
     size = np.round(np.abs(channel.setting), 9)
     for number in dict.fromkeys(powerup.tolist()):
-        here = powerup == number
-        sizes = np.unique(size[here & (size > 0.0)])
+        rows = powerup == number
+        distinct = np.unique(size[rows & (size > 0.0)])
         pairs = []
-        for each in sizes:
-            ahead, back = (channel.output[here & (size == each) & (sign * channel.setting > 0.0)] for sign in (1, -1))
+        for level in distinct:
+            ahead, back = (channel.output[rows & (size == level) & (sign * channel.setting > 0.0)] for sign in (1, -1))
             if ahead.size and back.size:
                 pairs.append(0.5 * (ahead.mean() + back.mean()))
-        if len(pairs) < sizes.size or not pairs or (first is not None and not np.array_equal(sizes, first)):
+        if len(pairs) < distinct.size or not pairs or (first is not None and not np.array_equal(distinct, first)):
             raise InputError("lab.powerup_settings", where=where, powerup=number, sensor=channel.axis)
-        first = sizes
+        first = distinct
         biases.append(float(np.mean(pairs)))
     return np.array(biases)
 
 
-USUAL_POWERUPS = 5
-TREND = 0.7  # share of the variance of the means that a steady drift explains and that is pointed out
+USUAL_POWERUPS = 5  # usual number of power-ups
+TREND = 0.7  # a steady drift that explains a larger share of the variance of the means is reported
 
 
 @dataclass(frozen=True, slots=True)
 class Accepted:
     """Acceptance figures of one sensor; None if not measured."""
 
-    axis: str  # such as ``gyro x``
-    unit: str  # of its output
+    axis: str  # sensor and axis, such as ``gyro x``
+    unit: str  # unit of its output
     scale: Scale | None
     stability: tuple[Stability, ...]
     repeatability: Spread | None
@@ -169,13 +169,13 @@ class Accepted:
 
 @dataclass(frozen=True, slots=True)
 class Acceptance:
-    """Figures of all sensors."""
+    """Acceptance figures of all sensors."""
 
     sensors: tuple[Accepted, ...]
-    length: float  # of the record at rest [s]; zero without one
+    length: float  # length of the record at rest [s]; zero without such a record
     warnings: tuple[Finding, ...]
     notes: tuple[Finding, ...]
-    files: tuple[BenchFile, ...] = ()  # that the figures are from
+    files: tuple[BenchFile, ...] = ()  # source files of the figures
 
 
 def acceptance(
@@ -190,7 +190,7 @@ def acceptance(
     Raises: ConfigError: two files for one sensor, incompatible units, or volts without a scale factor. InputError:
     files with unsuitable data.
     """
-    warnings = [each for r in (*steps, *powerups) for each in about(r.table.name, r.warnings)]
+    warnings = [finding for source in (*steps, *powerups) for finding in about(source.table.name, source.warnings)]
     notes: list[Finding] = []
     scales: dict[str, tuple[Scale, str]] = {}
     for record in steps:
@@ -216,7 +216,7 @@ def acceptance(
         scale, unit = scales.get(axis, (None, SI[axis.split()[0]]))
         sensors.append(Accepted(axis, unit, scale, tuple(stable), spreads.get(axis)))
     length = float(static.time[-1] - static.time[0]) if static is not None and static.time is not None else 0.0
-    files = tuple(r.table.file for r in (*steps, *([] if static is None else [static]), *powerups))
+    files = tuple(source.table.file for source in (*steps, *([] if static is None else [static]), *powerups))
     return Acceptance(tuple(sensors), length, tuple(warnings), tuple(dict.fromkeys(notes)), files)
 
 
@@ -228,7 +228,7 @@ def _repeatability(
     notes: list[Finding],
 ) -> Spread:
     where = record.table.name
-    if not channel.setting.size:  # biases as somebody else computed them
+    if not channel.setting.size:  # the file contains computed biases
         warnings.append(Finding.of(Code.ACCEPTANCE_GIVEN_BIASES, subject=f"{channel.axis} ({where})"))
         return spread_of(channel.output, where=where)
     assert record.powerup is not None
@@ -247,31 +247,31 @@ def _stability(
 ) -> list[Stability]:
     assert record.time is not None
     output = channel.output / _per_si(channel, scale, record.table.name, notes)
-    found = []
+    stabilities = []
     for length in lengths:
-        each = stability_of(record.time, output, length)
-        if each is None:
+        stability = stability_of(record.time, output, length)
+        if stability is None:
             notes.append(Finding.of(Code.ACCEPTANCE_SHORT, subject=record.table.name, length_s=length))
             continue
-        found.append(each)
-        if each.spread.values.size < 2:
+        stabilities.append(stability)
+        if stability.spread.values.size < 2:
             name = record.table.name
-            warnings.append(Finding.of(Code.ACCEPTANCE_ONE_PART, subject=name, parts=each.parts, length_s=length))
-    for each in found[::-1]:
-        values = each.spread.values
+            warnings.append(Finding.of(Code.ACCEPTANCE_ONE_PART, subject=name, parts=stability.parts, length_s=length))
+    for stability in stabilities[::-1]:
+        values = stability.spread.values
         if values.size >= 10:  # the longest averaging time with enough values for a trend
-            share = np.corrcoef(each.time, values)[0, 1] ** 2 if each.spread.sd > 0.0 else 0.0
+            share = np.corrcoef(stability.time, values)[0, 1] ** 2 if stability.spread.sd > 0.0 else 0.0
             if share > TREND:
-                axis, length = channel.axis, each.length
+                axis, length = channel.axis, stability.length
                 warnings.append(
                     Finding.of(Code.ACCEPTANCE_TREND, subject=axis, share=share, limit_share=TREND, length_s=length)
                 )
             break
-    return found
+    return stabilities
 
 
 def _per_si(channel: Channel, scale: tuple[Scale, str] | None, where: str, notes: list[Finding]) -> float:
-    """Output for 1 rad/s or 1 m/s^2, in the unit of this channel."""
+    """Return the output for 1 rad/s or 1 m/s^2, in the unit of this channel."""
     sensed = channel.unit in SI.values()
     if scale is None:
         if not sensed:

@@ -1,4 +1,4 @@
-"""Bench tables: a few named columns with units in the header, and dwells in them; files of acceptance and drift tests.
+"""Bench tables: named columns with units in the header, and their dwells; files of acceptance and drift tests.
 
 A dwell is many samples at one rate or one position, cleaned and reduced to one value. A polynomial over its samples
 follows warm-up and drift; samples far from it are spikes.
@@ -37,28 +37,28 @@ SI = {"gyro": "rad/s", "accel": "m/s^2"}
 class BenchFile:
     """Source file of a result."""
 
-    name: str  # the file and its digest
-    sha256: str
-    units: Mapping[str, str]  # units as in the file, by key
+    name: str  # name of the file
+    sha256: str  # digest of the file
+    units: Mapping[str, str]  # by key: unit in the file
 
 
 @dataclass(frozen=True, slots=True)
 class BenchTable(BenchFile):
-    """Columns of a bench file in SI units, but raw outputs in the unit of the file."""
+    """Columns of a bench file in SI units, except raw outputs, which keep the unit of the file."""
 
-    columns: Mapping[str, FloatArray]  # (n,) by key
+    columns: Mapping[str, FloatArray]  # columns (n,) by key of the quantity
 
     @property
     def file(self) -> BenchFile:
-        """File information without the columns."""
+        """Name, digest and units of the file, without the columns."""
         return BenchFile(self.name, self.sha256, self.units)
 
     def stack(self, *keys: str) -> FloatArray:
-        """Stack columns, (n, k)."""
+        """Return columns side by side, (n, k)."""
         return np.column_stack([self.columns[key] for key in keys])
 
     def get(self, key: str) -> FloatArray | None:
-        """Return a column if the file has it."""
+        """Return a column (n,); None if the file does not have it."""
         return self.columns.get(key)
 
 
@@ -70,32 +70,32 @@ def read_bench(
     columns: Mapping[str, str] | None = None,
     alternatives: Mapping[str, str] | None = None,
 ) -> BenchTable:
-    """Read a table of the bench.
+    """Read a bench table, and convert all columns but raw outputs to SI units.
 
-    `schema`: possible quantities; time and temperature always. `needed`: keys of required columns. `columns`: quantity
-    to header, for unusual headers. `alternatives`: key that may replace a required one.
+    `schema`: quantities that it may have besides time and temperature. `needed`: keys of required columns. `columns`:
+    header by quantity, for unusual headers. `alternatives`: by required key, a key that may replace it.
     Raises: InputError: a column is missing or has no unit, or a cell is empty.
     """
     table = open_table(path)
     schema = (*schema, TIME, TEMPERATURE)
-    found, _ = understand(table.headers, table.units, schema, columns=columns, where=table.name)
-    wanted = [
-        other if key not in found and (other := (alternatives or {}).get(key, key)) in found else key for key in needed
+    cols, _ = understand(table.headers, table.units, schema, columns=columns, where=table.name)
+    required = [
+        other if key not in cols and (other := (alternatives or {}).get(key, key)) in cols else key for key in needed
     ]
-    require(found, wanted, table, schema)
-    for item in found.values():
+    require(cols, required, table, schema)
+    for item in cols.values():
         if item.unit is None and item.quantity.dimension:
             raise InputError("lab.no_unit", where=table.name, column=item.header, name=item.quantity.name)
-    if not found:
+    if not cols:
         known = tuple(item.name for item in schema[:4])
         raise InputError("lab.no_column", where=table.name, headers=tuple(table.headers), known=known)
-    numbers = table.cells.read([item.index for item in found.values()])
+    numbers = table.cells.read([item.index for item in cols.values()])
     if numbers.cut:
         raise InputError("lab.truncated", where=table.name, **dict[str, Any](numbers.cut.values))
     if numbers.n_rows == 0:
         raise InputError("lab.no_rows", where=table.name)
     values, units = {}, {}
-    for key, item in found.items():
+    for key, item in cols.items():
         raw = numbers.columns[item.index]
         if not np.isfinite(raw).all():
             raise InputError("lab.value_missing", where=table.place(int(np.argmin(np.isfinite(raw))), item.index))
@@ -104,35 +104,35 @@ def read_bench(
     return BenchTable(table.name, table.sha256, units, values)
 
 
-ORDER = 7  # of the polynomial
-LIMIT_V = 0.005  # samples further from it are dropped [V]
-MAX_ROUNDS = 10  # spikes bend the polynomial: it is fitted again without them until convergence
+ORDER = 7  # order of the polynomial through a dwell
+LIMIT_V = 0.005  # samples with a larger distance from the polynomial are dropped [V]
+MAX_ROUNDS = 10  # largest number of fits: spikes distort the polynomial, so the fit is repeated without them
 LARGEST_LOSS = 0.5  # a dwell that loses a larger share of its samples has no value
-MANY_SPIKES = 0.05  # share of spikes in a dwell that is reported
-LARGEST_DRIFT_C = 2.0  # largest temperature change within a calibration [deg C]
+MANY_SPIKES = 0.05  # larger shares of spikes in a dwell are reported
+LARGEST_DRIFT_C = 2.0  # larger temperature changes within a calibration are reported [deg C]
 
 
 @dataclass(frozen=True, slots=True)
 class Dwells:
-    """Reduced dwells, one value each."""
+    """Dwells, each reduced to one value per sensor."""
 
-    setting: FloatArray  # (n, k) rate or angle of each dwell, in the unit of the table it came from
-    value: FloatArray  # (n, m) mean of the samples kept, for each of m sensors
-    # (n, m) standard deviation of these means, samples taken as independent; zero where one value was given
+    setting: FloatArray  # (n, k) rate or angle of each dwell, in the unit of its table
+    value: FloatArray  # (n, m) mean of the samples kept, for m sensors
+    # (n, m) standard deviation of `value`, for independent samples; zero for a dwell of one sample
     sd: FloatArray
-    count: FloatArray  # (n,) samples of each dwell
-    dropped: FloatArray  # (n, m) samples dropped as spikes
+    count: FloatArray  # (n,) number of samples of each dwell
+    dropped: FloatArray  # (n, m) number of samples dropped as spikes
 
     @property
     def raw(self) -> bool:
-        """True if there were samples to clean, not one mean per dwell."""
+        """True if a dwell has several samples; False if the file has one mean per dwell."""
         return bool((self.count > 1).any())
 
 
 def default_limit(unit: str) -> float:
-    """Distance from the polynomial beyond which samples are dropped, in their unit: none but of volts.
+    """Return the default limit of spikes, in the unit of the samples: `LIMIT_V` for voltages, infinite for other units.
 
-    `unit`: of the samples.
+    `unit`: unit of the samples.
     """
     dimension, factor = UNITS[unit]
     return LIMIT_V / factor if dimension == "signal" and unit != "LSB" else float("inf")
@@ -145,22 +145,22 @@ def clean_mean(
 
     `time` (n,): time of each sample, in any unit. `samples` (n,): samples. `limit`: largest distance from the
     polynomial, in the unit of the samples. `row`: first row of the dwell, from 0. Returns mean, sd: mean of the samples
-    kept and its standard deviation; dropped: how many were not kept. Raises: InputError: more than half of them lie
-    beyond the limit.
+    kept and its standard deviation; dropped: number of samples not kept. Raises: InputError: more than half of the
+    samples are beyond the limit.
     """
-    order = min(ORDER, max(0, samples.size // 10))  # a short dwell does not carry seven bends
-    good = np.ones(samples.size, dtype=np.bool_)
+    order = min(ORDER, max(0, samples.size // 10))  # a short dwell does not determine a polynomial of order 7
+    within = np.ones(samples.size, dtype=np.bool_)
     for _ in range(MAX_ROUNDS):
-        residual = samples - Polynomial.fit(time[good], samples[good], order, domain=[time[0], time[-1]])(time)
-        before, good = good, np.abs(residual) <= limit
-        if np.array_equal(before, good) or np.count_nonzero(good) <= order:
+        residual = samples - Polynomial.fit(time[within], samples[within], order, domain=[time[0], time[-1]])(time)
+        previous, within = within, np.abs(residual) <= limit
+        if np.array_equal(previous, within) or np.count_nonzero(within) <= order:
             break
-    kept = samples[good]
+    kept = samples[within]
     if kept.size < (1.0 - LARGEST_LOSS) * samples.size:
         values: dict[str, Any] = {"begin_row": row + 1, "end_row": row + samples.size}
         values |= {"count": samples.size - kept.size, "limit": limit, "order": order, "residual_sd": np.std(residual)}
         raise InputError("lab.dwell_of_spikes", where=where, **values)
-    sd = float(np.std(residual[good]) / np.sqrt(kept.size)) if kept.size > 1 else 0.0
+    sd = float(np.std(residual[within]) / np.sqrt(kept.size)) if kept.size > 1 else 0.0
     return float(np.mean(kept)), sd, samples.size - kept.size
 
 
@@ -169,13 +169,13 @@ def reduce_dwells(
 ) -> Dwells:
     """Reduce a record to one value for each interval of equal settings.
 
-    `settings` (n, k): commanded rates or angles of each row. Rows of one dwell follow one another; a setting that comes
-    back later is a dwell of its own. `samples` (n, m): outputs of m sensors. `limit`: as in `clean_mean`. `time` (n,):
-    times of the rows; default their number. Raises: InputError: A value that is not a number, or a dwell of spikes.
+    `settings` (n, k): commanded rates or angles of each row. Rows of one dwell are successive; a setting that recurs
+    later is another dwell. `samples` (n, m): outputs of m sensors. `limit`: as in `clean_mean`. `time` (n,):
+    times of the rows; default their number. Raises: InputError: a value that is not a number, or a dwell of spikes.
     """
-    bad = ~(np.isfinite(settings).all(axis=1) & np.isfinite(samples).all(axis=1))
-    if bad.any():
-        raise InputError("lab.value_missing", where=where, row=int(np.argmax(bad)) + 1)
+    invalid = ~(np.isfinite(settings).all(axis=1) & np.isfinite(samples).all(axis=1))
+    if invalid.any():
+        raise InputError("lab.value_missing", where=where, row=int(np.argmax(invalid)) + 1)
     time = np.arange(len(samples), dtype=np.float64) if time is None else time
     starts = np.flatnonzero(np.any(np.diff(settings, axis=0) != 0.0, axis=1)) + 1
     bounds = np.concatenate(([0], starts, [len(settings)]))
@@ -194,13 +194,13 @@ def reduce_dwells(
 
 
 def dwell_warnings(dwells: Dwells, names: Sequence[str], temperature: FloatArray | None) -> tuple[Finding, ...]:
-    """Report dwells that lost many samples, and temperature changes.
+    """Report dwells with many spikes, and temperature changes.
 
-    `dwells`: from `reduce_dwells`. `names`: of the sensors. `temperature` (n,): temperature of the rows [deg C].
+    `dwells`: from `reduce_dwells`. `names`: names of the sensors. `temperature` (n,): temperature of the rows [deg C].
     """
     warnings = []
-    for name, lost in zip(names, dwells.dropped.T, strict=True):
-        share = lost / dwells.count
+    for name, dropped in zip(names, dwells.dropped.T, strict=True):
+        share = dropped / dwells.count
         if share.max() > MANY_SPIKES:
             worst = int(np.argmax(share))
             size, limit = share[worst], MANY_SPIKES
@@ -230,22 +230,22 @@ POWERUP = Quantity("powerup", "powerup", "", "", ("powerup", "poweron", "run", "
 
 @dataclass(frozen=True, slots=True)
 class Channel:
-    """One sensor in one file."""
+    """Record of one sensor in one file."""
 
-    axis: str  # such as ``gyro x``
-    setting: FloatArray  # (n,) rate [rad/s] or specific force [m/s^2] that was set; empty at rest
-    output: FloatArray  # (n,) in `unit`
+    axis: str  # sensor and axis, such as ``gyro x``
+    setting: FloatArray  # (n,) commanded rate [rad/s] or specific force [m/s^2]; empty for a record at rest
+    output: FloatArray  # (n,) sensor output in `unit`
     unit: str  # rad/s or m/s^2 if convertible, else the unit of the file: V, mV, uV, LSB
 
 
 @dataclass(frozen=True, slots=True)
 class BenchRecord:
-    """One file."""
+    """Sensor records of one bench file."""
 
     table: BenchTable
-    time: FloatArray | None  # (n,) [s]
-    powerup: FloatArray | None  # (n,) which power-up a row belongs to
-    channels: Mapping[str, Channel]  # by axis
+    time: FloatArray | None  # (n,) time of each row [s]
+    powerup: FloatArray | None  # (n,) number of the power-up of each row
+    channels: Mapping[str, Channel]  # by axis, such as ``gyro x``
     warnings: tuple[Finding, ...] = ()
 
 
@@ -253,13 +253,13 @@ class BenchRecord:
 class DriftRecord:
     """Gyro record with possible causes of drift."""
 
-    name: str  # the file
-    time: FloatArray  # (n,) even steps [s]
+    name: str  # name of the file
+    time: FloatArray  # (n,) evenly spaced times [s]
     axes: tuple[str, ...]  # letters of the gyros present
-    gyro: Mapping[str, FloatArray]  # (n,) output, and true rate where it is known, by letter [rad/s]
-    rate: Mapping[str, FloatArray]
-    force: Mapping[str, FloatArray]  # (n,) specific force along the axis, where it is known [m/s^2]
-    temperature: FloatArray | None  # (n,) [deg C]
+    gyro: Mapping[str, FloatArray]  # by letter of the axis: (n,) output [rad/s]
+    rate: Mapping[str, FloatArray]  # (n,) true rate about the axis, if recorded [rad/s]
+    force: Mapping[str, FloatArray]  # (n,) specific force along the axis, if recorded [m/s^2]
+    temperature: FloatArray | None  # (n,) temperature [deg C]
 
     @property
     def interval(self) -> float:
@@ -267,11 +267,11 @@ class DriftRecord:
         return float((self.time[-1] - self.time[0]) / (self.time.size - 1))
 
     def true_rate(self, axis: str) -> FloatArray:
-        """True rate about an axis: at rest if nothing is known, (n,) [rad/s]."""
+        """Return the true rate about an axis, (n,) [rad/s]; zero if it is not recorded."""
         return self.rate.get(axis, np.zeros(self.time.size))
 
     def at_rest(self) -> BoolArray:
-        """Rows before anything turns, (n,)."""
+        """Return whether each row is before the first rotation about any axis, (n,)."""
         turning = np.zeros(self.time.size, dtype=np.bool_)
         for rate in self.rate.values():
             turning |= rate != 0.0
@@ -281,8 +281,8 @@ class DriftRecord:
 def read_static(path: str | Path | Table, columns: Mapping[str, str] | None = None) -> BenchRecord:
     """Read a record at rest: ``time_s`` and outputs.
 
-    `columns`: quantity to header, for unusual headers; others are ignored. Raises: InputError: no outputs, times that
-    do not increase, or an error of `read_bench`.
+    `columns`: header by quantity, for unusual headers; other columns are ignored. Raises: InputError: no outputs, times
+    that do not increase, or an error of `read_bench`.
     """
     table = _read(path, ("raw", "sensed"), ("time",), columns)
     time = table.columns["time"]
@@ -298,13 +298,13 @@ def read_steps(
 
     Successive rows with the same settings are the samples of one dwell, reduced to their mean without spikes.
 
-    `columns`: as in `read_static`. `spike_limit`: samples further from a polynomial through their dwell are dropped, in
-    the unit of the output; default 0.005 V, and none in other units. Raises: InputError: an output without its setting,
-    or whatever `read_bench` finds.
+    `columns`: as in `read_static`. `spike_limit`: largest distance of samples from a polynomial through their dwell, in
+    the unit of the output; default 0.005 V, no limit for other units. Raises: InputError: an output without its
+    setting, or an error of `read_bench`.
     """
     table = _read(path, ("setting", "raw", "sensed"), (), columns)
     channels = _channels(table, settings=True)
-    # all settings of the file make a dwell: a rate about y is no dwell of the x gyro at rest
+    # a dwell has constant settings of all axes: gyro x is not at rest during rotation about y
     keys = [q["setting"].key for q in _EVERY.values() if q["setting"].key in table.columns]
     settings = table.stack(*keys)
     reduced: dict[str, Channel] = {}
@@ -315,47 +315,47 @@ def read_steps(
             settings, channel.output[:, None], limit, table.get("time"), where=f"{table.name}, {axis}"
         )
         warnings += dwell_warnings(dwells, (axis,), None if reduced else table.get("temperature"))
-        own = dwells.setting[:, keys.index(_EVERY[axis]["setting"].key)]
-        used = np.ones(own.size, dtype=np.bool_)
-        if axis.startswith("gyro"):  # turning about another axis shows misalignment, not scale factor
+        own_setting = dwells.setting[:, keys.index(_EVERY[axis]["setting"].key)]
+        used = np.ones(own_setting.size, dtype=np.bool_)
+        if axis.startswith("gyro"):  # rotation about another axis shows misalignment, not scale factor
             others = [i for i, key in enumerate(keys) if key.startswith("rate") and key != _EVERY[axis]["setting"].key]
             used = np.all(dwells.setting[:, others] == 0.0, axis=1)
-        reduced[axis] = Channel(axis, own[used], dwells.value[used, 0], channel.unit)
+        reduced[axis] = Channel(axis, own_setting[used], dwells.value[used, 0], channel.unit)
     return BenchRecord(table, None, None, reduced, tuple(warnings))
 
 
 def read_powerups(path: str | Path | Table, columns: Mapping[str, str] | None = None) -> BenchRecord:
     """Read power-ups: ``powerup``, settings and outputs; or biases already computed, ``gyro_x_bias_deg_s``.
 
-    `columns`: as in `read_static`. Raises: InputError: no column of power-ups, or whatever `read_bench` finds.
+    `columns`: as in `read_static`. Raises: InputError: no column of power-ups, or an error of `read_bench`.
     """
     table = _read(path, ("setting", "raw", "sensed", "bias"), ("powerup",), columns, (POWERUP,))
     channels = {}
-    for axis, known in _EVERY.items():
-        if known["bias"].key in table.columns:
-            channels[axis] = Channel(axis, np.empty(0), table.columns[known["bias"].key], SI[axis.split()[0]])
+    for axis, quantities in _EVERY.items():
+        if quantities["bias"].key in table.columns:
+            channels[axis] = Channel(axis, np.empty(0), table.columns[quantities["bias"].key], SI[axis.split()[0]])
     channels |= _channels(table, settings=True)
     return BenchRecord(table, None, table.columns["powerup"], channels)
 
 
 def read_drift(path: str | Path | Table, columns: Mapping[str, str] | None = None) -> tuple[DriftRecord, BenchTable]:
-    """Read gyros at rest and turning: ``time_s``, ``gyro_x_deg_s`` …, and whatever their drift may depend on.
+    """Read gyros at rest and turning: ``time_s``, ``gyro_x_deg_s`` …, and possible causes of drift.
 
-    That is ``rate_x_deg_s`` … (true rates; without them everything is at rest), ``temperature_c``, ``accel_x_g`` ….
-
-    `columns`: as in `read_static`. Raises: InputError: no gyro, outputs in volts, or whatever `read_bench` finds.
+    Causes: ``rate_x_deg_s`` … (true rates; without these columns all gyros are at rest), ``temperature_c``,
+    ``accel_x_g`` …. `columns`: as in `read_static`. Raises: InputError: no gyro, outputs in volts, or an error of
+    `read_bench`.
     """
     table = _read(path, ("setting", "raw", "sensed"), ("time",), columns)
     values: dict[str, dict[str, FloatArray]] = {"sensed": {}, "setting": {}}
     force: dict[str, FloatArray] = {}
-    for axis, known in _EVERY.items():
+    for axis, quantities in _EVERY.items():
         sensor, letter = axis.split()
-        if known["raw"].key in table.columns:
-            unit, name = table.units[known["raw"].key], known["sensed"].name
+        if quantities["raw"].key in table.columns:
+            unit, name = table.units[quantities["raw"].key], quantities["sensed"].name
             raise InputError("lab.drift_of_raw", where=table.name, sensor=axis, unit=unit, name=name)
         for kind, into in values.items():
-            if known[kind].key in table.columns:
-                (into if sensor == "gyro" else force)[letter] = table.columns[known[kind].key]
+            if quantities[kind].key in table.columns:
+                (into if sensor == "gyro" else force)[letter] = table.columns[quantities[kind].key]
     gyro = values["sensed"]
     if not gyro:
         raise InputError("lab.no_gyro", where=table.name)
@@ -372,11 +372,11 @@ def _read(
     columns: Mapping[str, str] | None,
     more: tuple[Quantity, ...] = (),
 ) -> BenchTable:
-    schema = tuple(known[kind] for known in _EVERY.values() for kind in kinds)
+    schema = tuple(quantities[kind] for quantities in _EVERY.values() for kind in kinds)
     headers = open_table(path).headers if columns else ()
     named = {name: header for name, header in (columns or {}).items() if header in headers}
     table = read_bench(path, (*schema, *more), needed, columns=named)
-    outputs = {known[kind].key for known in _EVERY.values() for kind in ("raw", "sensed", "bias")}
+    outputs = {quantities[kind].key for quantities in _EVERY.values() for kind in ("raw", "sensed", "bias")}
     if not outputs & set(table.columns):
         raise InputError("lab.no_sensor", where=table.name)
     return table
@@ -384,14 +384,14 @@ def _read(
 
 def _channels(table: BenchTable, *, settings: bool) -> dict[str, Channel]:
     channels = {}
-    for axis, known in _EVERY.items():
-        raw, sensed = known["raw"].key, known["sensed"].key
+    for axis, quantities in _EVERY.items():
+        raw, sensed = quantities["raw"].key, quantities["sensed"].key
         if raw not in table.columns and sensed not in table.columns:
             continue
-        key, setting = (raw if raw in table.columns else sensed), known["setting"]
+        key, setting = (raw if raw in table.columns else sensed), quantities["setting"]
         if settings and setting.key not in table.columns:
             raise InputError("lab.no_setting", where=table.name, sensor=axis, name=setting.name)
         unit = table.units[raw] if key == raw else SI[axis.split()[0]]
-        own = table.columns[setting.key] if settings else np.empty(0)
-        channels[axis] = Channel(axis, own, table.columns[key], unit)
+        commanded = table.columns[setting.key] if settings else np.empty(0)
+        channels[axis] = Channel(axis, commanded, table.columns[key], unit)
     return channels

@@ -32,10 +32,10 @@ from insnav.strapdown import increments, intervals, navigate
 from insnav.types import BoolArray, FloatArray, ImuData, Trajectory
 from insnav.units import DEG, G0, UNITS
 
-RANK_TOLERANCE = 1e-9  # singular values of the scaled design below this share of the largest count as zero
-AFFINE = ("sensitivity to x", "to y", "to z", "bias")  # parameters of a sensor among three axes
-LEVEL = 0.95  # of a printed interval, unless stated otherwise
-FALSE_ALARM = 0.05  # probability that a row of a good fit is reported as outlier
+RANK_TOLERANCE = 1e-9  # smaller singular values of the scaled design, relative to the largest, count as zero
+AFFINE = ("sensitivity to x", "to y", "to z", "bias")  # parameters of one sensor: sensitivity to three axes, and bias
+LEVEL = 0.95  # confidence level of an interval, unless stated otherwise
+FALSE_ALARM = 0.05  # probability that any row of a good fit is reported as an outlier
 R = TypeVar("R")
 D = TypeVar("D")
 
@@ -47,22 +47,22 @@ METHODS = {
     "poses": "multi_position.method",
     "rotor": "rotor_inertia",
 }
-WRONG_UNIT = 0.25  # scale factor error beyond every digital sensor in SI units
-MINUTE = 60.0  # of navigation, for the impact of a calibration [s]
-RATE = 50  # of its samples [Hz]
-PLACE = np.array([45.0 * DEG, 0.0, 0.0])  # its start: latitude [rad], longitude [rad], height [m]
-SAMPLES, SEED = 24, 1  # of the true errors
-TURN = 10.0 * DEG  # rate of its circle [rad/s]
-SPEED = 10.0  # on its circle [m/s]
+WRONG_UNIT = 0.25  # a larger scale factor error of a sensor with outputs in SI units means a wrong unit
+MINUTE = 60.0  # length of the navigation that is simulated for the impact of a calibration [s]
+RATE = 50  # sampling rate of the simulated navigation [Hz]
+PLACE = np.array([45.0 * DEG, 0.0, 0.0])  # start of this navigation: latitude [rad], longitude [rad], height [m]
+SAMPLES, SEED = 24, 1  # number of sampled sets of true errors, and their random seed
+TURN = 10.0 * DEG  # turn rate on the simulated circle [rad/s]
+SPEED = 10.0  # speed on the simulated circle [m/s]
 
 
 @dataclass(frozen=True, slots=True)
 class Fit:
     """Result of linear least squares."""
 
-    names: tuple[str, ...]  # of the k parameters
+    names: tuple[str, ...]  # names of the k parameters
     value: FloatArray  # (k,) estimates
-    covariance: FloatArray  # (k, k) of the estimates, from the scatter of the residuals
+    covariance: FloatArray  # (k, k) covariance of the estimates, from the scatter of the residuals
     residual: FloatArray  # (n,) measured minus fitted, in the unit of the measurement
     sigma: float  # standard deviation of a measurement: root of the sum of squares over `dof`
     dof: int  # degrees of freedom, ``n - k``
@@ -86,7 +86,7 @@ class Fit:
     def half_width(self, level: float = LEVEL) -> FloatArray:
         """Compute the half width of the confidence interval of each estimate, (k,).
 
-        `level`: probability with which the interval holds the true value, normally distributed errors given.
+        `level`: probability that the interval contains the true value, for normally distributed errors.
         """
         return self.sd * coverage_factor(self.dof, level)
 
@@ -100,12 +100,12 @@ def coverage_factor(dof: float, level: float = LEVEL) -> float:
 
 
 def outliers(fit: Fit, design: FloatArray) -> tuple[int, ...]:
-    """Find outlying rows.
+    """Find the rows of a fit with outlying residuals.
 
-    Each residual is compared with the scatter of all other rows (deleted residual: Seber and Lee, section 10.2), at a
-    level that lets all rows of a good fit pass except with a probability of `FALSE_ALARM`.
+    Each residual is compared with the scatter of all other rows (deleted residual: Seber and Lee, section 10.2). A good
+    fit has an outlier with probability `FALSE_ALARM`.
 
-    `design` (n, k): of that fit.
+    `design` (n, k): design matrix of the fit.
     """
     if fit.dof < 2 or fit.sigma <= 0.0:
         return ()
@@ -121,8 +121,7 @@ def linear_fit(design: FloatArray, measured: FloatArray, names: Sequence[str], *
 
     `design` (n, k): derivative of each measurement by each parameter. `measured` (n,): measurements with independent
     errors of equal variance.
-    Raises: InputError: a value that is not finite, no more measurements than parameters, or undetermined parameters, by
-    name.
+    Raises: InputError: a value that is not finite, no more measurements than parameters, or undetermined parameters.
     """
     design = np.asarray(design, dtype=np.float64)
     measured = np.asarray(measured, dtype=np.float64)
@@ -133,15 +132,15 @@ def linear_fit(design: FloatArray, measured: FloatArray, names: Sequence[str], *
     if n <= k:
         raise InputError("lab.few_measurements", where=where, parameters=tuple(names), count=n, unknowns=k, limit=k + 1)
     lengths = np.linalg.norm(design, axis=0)
-    idle = [name for name, length in zip(names, lengths, strict=True) if not length > 0.0]
-    if idle:
-        raise InputError("lab.parameters_idle", where=where, parameters=tuple(idle))
+    zero_columns = [name for name, length in zip(names, lengths, strict=True) if not length > 0.0]
+    if zero_columns:
+        raise InputError("lab.parameters_idle", where=where, parameters=tuple(zero_columns))
     left, singular, right = np.linalg.svd(design / lengths, full_matrices=False)
-    loose = singular <= RANK_TOLERANCE * singular[0]
-    if loose.any():
-        shares = np.sqrt(np.sum(right[loose] ** 2, axis=0))  # weight of each parameter in the undetermined combinations
-        mixed = [name for name, share in zip(names, shares, strict=True) if share > 1e-6]
-        raise InputError("lab.parameters_mixed", where=where, parameters=tuple(mixed))
+    weak = singular <= RANK_TOLERANCE * singular[0]
+    if weak.any():
+        shares = np.sqrt(np.sum(right[weak] ** 2, axis=0))  # weight of each parameter in the undetermined combinations
+        involved = [name for name, share in zip(names, shares, strict=True) if share > 1e-6]
+        raise InputError("lab.parameters_mixed", where=where, parameters=tuple(involved))
     value = right.T @ ((left.T @ measured) / singular) / lengths
     residual = measured - design @ value
     dof = n - k
@@ -161,11 +160,11 @@ def linear_fit(design: FloatArray, measured: FloatArray, names: Sequence[str], *
 def affine_fits(
     true: FloatArray, measured: FloatArray, where: Sequence[str], used: BoolArray | None = None
 ) -> tuple[Fit, ...]:
-    """Fit each column of `measured` (n, m) by three components (n, 3) and a bias. `used` (n, m): rows that count."""
+    """Fit each column of `measured` (n, m) by the columns of `true` (n, 3) and a bias. `used` (n, m): rows to fit."""
     design = np.column_stack((true, np.ones(len(true))))
     rows = np.ones(measured.shape, dtype=np.bool_) if used is None else used
     sensors = zip(measured.T, rows.T, where, strict=True)
-    return tuple(linear_fit(design[good], column[good], AFFINE, where=name) for column, good, name in sensors)
+    return tuple(linear_fit(design[keep], column[keep], AFFINE, where=name) for column, keep, name in sensors)
 
 
 class BenchInputs(TypedDict, total=False):
@@ -196,33 +195,31 @@ class BenchInputs(TypedDict, total=False):
 class BenchOptions:
     """Options of the calibration methods; each method uses its own. Raises: ConfigError: an invalid value."""
 
-    columns: Mapping[str, str] | None = None  # quantity to header, for headers that are not understood by themselves
+    columns: Mapping[str, str] | None = None  # header by quantity, for headers that insnav does not recognise
     # largest distance of samples from a polynomial through their dwell, in the unit of the output; default 0.005 V, no
     # limit for other units
     spike_limit: float | None = None
-    gravity: float = G0  # at the bench [m/s^2]
+    gravity: float = G0  # local gravity at the bench [m/s^2]
     gravity_source: str = "as given"  # source of the gravity value
     name: str = ""  # name of the calibrated sensor
     # smallest and largest rate of a rate table to use [deg/s]; default all that are linear
     keep: tuple[float, float] | None = None
-    # of pieces of a sweep's compensation, instead of those found, "x2" the second of gyro x [deg/s]
+    # intercepts of pieces of a rate sweep's compensation, in place of fitted ones; "x2": second piece of gyro x [deg/s]
     intercepts: Mapping[str, float] | None = None
     counts: bool = False  # a multi-position record is in raw counts or volts
-    six: bool = False  # it consists of six positions and three turns
-    # first and last plus one sample of each of these, or a file of them; default found
+    six: bool = False  # a multi-position record consists of six positions and three turns
+    # first sample and last sample plus one of each position and turn, or a file with them; default: detected
     sections: Mapping[str, tuple[int, int]] | str | Path | None = None
-    turn: float = 2.0 * np.pi  # angle of each of these turns [rad]
-    # of a multi-position record; see `insnav.input.read_imu`
+    turn: float = 2.0 * np.pi  # angle of each turn of a six-position record [rad]
+    # interpretation of a multi-position record; see `insnav.input.read_imu`
     axes: str | None = None
     units: str | None = None
     sampling: str | None = None
     stamp: str | None = None
-    # weights that spin up a rotor and that make it precess [kg]
-    fall_mass: float = 0.0
-    # radius of the cord and distance of the second weight [m]
-    radius: float = 0.0
-    mass: float = 0.0
-    arm: float = 0.0
+    fall_mass: float = 0.0  # falling weight that spins up a rotor [kg]
+    radius: float = 0.0  # radius of the drum on which its cord is wound [m]
+    mass: float = 0.0  # weight that makes a rotor precess [kg]
+    arm: float = 0.0  # distance of this weight from the support [m]
 
     def __post_init__(self) -> None:
         if self.spike_limit is not None and not 0.0 < self.spike_limit < float("inf"):
@@ -238,61 +235,58 @@ STANDARD = BenchOptions()
 class CalibrationSd:
     """Uncertainty of calibrated errors: one standard deviation of each number, all independent."""
 
-    # (3,) [rad/s], [m/s^2]
-    gyro_bias: FloatArray = field(default_factory=zeros)
-    # (3, 3) [-]
-    gyro_matrix: FloatArray = field(default_factory=zero_matrix)
-    accel_bias: FloatArray = field(default_factory=zeros)
-    accel_matrix: FloatArray = field(default_factory=zero_matrix)
-    g_sensitivity: FloatArray = field(default_factory=zero_matrix)  # (3, 3) [rad/s/(m/s^2)]
+    gyro_bias: FloatArray = field(default_factory=zeros)  # (3,) gyro biases [rad/s]
+    gyro_matrix: FloatArray = field(default_factory=zero_matrix)  # (3, 3) gyro sensitivities [-]
+    accel_bias: FloatArray = field(default_factory=zeros)  # (3,) accelerometer biases [m/s^2]
+    accel_matrix: FloatArray = field(default_factory=zero_matrix)  # (3, 3) accelerometer sensitivities [-]
+    g_sensitivity: FloatArray = field(default_factory=zero_matrix)  # (3, 3) of the gyros [rad/s/(m/s^2)]
     # (k, k) covariance of the errors at the knots of the map of each gyro [rad^2/s^2]
     gyro_map: tuple[FloatArray | None, ...] = (None, None, None)
 
     def corrected(self, errors: ImuErrors, rate: FloatArray, force: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Compute the uncertainty of corrected rates and specific forces by the calibration alone.
+        """Compute the uncertainty of corrected rates and specific forces due to the calibration alone.
 
-        `errors`: of which these are the standard deviations. `rate`, `force` (n, 3): true ones [rad/s], [m/s^2].
+        `errors`: the calibrated errors. `rate`, `force` (n, 3): true rates and specific forces [rad/s], [m/s^2].
         Returns rate_sd, force_sd (n, 3): one standard deviation, for sensors that are nearly a perfect triad [rad/s],
         [m/s^2].
         """
-        of_rate = rate**2 @ self.gyro_matrix.T**2 + force**2 @ self.g_sensitivity.T**2 + self.gyro_bias**2
-        known = () if errors.gyro_map is None else zip(errors.gyro_map.axes, self.gyro_map, strict=True)
-        for axis, (item, spread) in enumerate(known):
-            if item is not None and spread is not None:
-                share = np.column_stack([np.interp(rate[:, axis], item.rate, row) for row in np.eye(item.rate.size)])
-                of_rate[:, axis] += np.sum((share @ spread) * share, axis=1)
-        return np.sqrt(of_rate), np.sqrt(force**2 @ self.accel_matrix.T**2 + self.accel_bias**2)
+        rate_variance = rate**2 @ self.gyro_matrix.T**2 + force**2 @ self.g_sensitivity.T**2 + self.gyro_bias**2
+        maps = () if errors.gyro_map is None else zip(errors.gyro_map.axes, self.gyro_map, strict=True)
+        for axis, (item, covariance) in enumerate(maps):
+            if item is not None and covariance is not None:
+                weights = np.column_stack([np.interp(rate[:, axis], item.rate, row) for row in np.eye(item.rate.size)])
+                rate_variance[:, axis] += np.sum((weights @ covariance) * weights, axis=1)
+        return np.sqrt(rate_variance), np.sqrt(force**2 @ self.accel_matrix.T**2 + self.accel_bias**2)
 
 
 @dataclass(frozen=True, slots=True)
 class Impact:
     """Horizontal position error after one minute of free inertial navigation, root mean square."""
 
-    motion: str  # in words
-    # without the calibration, and with it [m]
-    without: float
-    corrected: float
+    motion: str  # motion in words
+    without: float  # error without the calibration [m]
+    corrected: float  # error with the calibration [m]
 
 
 @dataclass(frozen=True, slots=True, repr=False)
 class Calibration(Generic[R, D]):
     """Result of a calibration method."""
 
-    method: str  # one of `METHODS`
-    errors: ImuErrors | None  # as written to the calibration file; None where the method is not of an IMU
-    sd: CalibrationSd  # their uncertainty in SI units
+    method: str  # name of the method, one of `METHODS`
+    errors: ImuErrors | None  # as written to the calibration file; None if the method calibrates no IMU
+    sd: CalibrationSd  # uncertainty of `errors` in SI units
     parameters: tuple[Quantity, ...]  # estimates with standard deviation and 95 % interval
-    fits: Mapping[str, Fit]  # the least-squares fits they come from, by sensor
+    fits: Mapping[str, Fit]  # least-squares fits of the parameters, by sensor
     record: R  # input of the method; for samples, their interpretation
-    detail: D  # everything else, in the form of the method
-    options: BenchOptions  # in force
+    detail: D  # further results, specific to the method
+    options: BenchOptions  # options used
     warnings: tuple[Finding, ...] = ()
     # errors of rates and specific forces, if the file has errors of volts or counts; see `physical`
     sensed: ImuErrors | None = None
-    impact: tuple[Impact, ...] = ()  # on navigation
+    impact: tuple[Impact, ...] = ()  # impact on navigation
 
     def __repr__(self) -> str:
-        """Return method and extent; the numbers are in `parameters`."""
+        """Return method, number of parameters and number of warnings."""
         counts = f"{len(self.parameters)} parameters, {len(self.warnings)} warnings"
         return f"{type(self).__name__}({self.method!r}, {counts})"
 
@@ -308,14 +302,14 @@ class Method(Protocol[R, D]):
 
 
 def method_named(name: str) -> Method[Any, Any]:
-    """Find a calibration method. Raises: ConfigError: there is none of this name."""
+    """Find a calibration method. Raises: ConfigError: no method has this name."""
     if name not in METHODS:
         raise ConfigError("lab.no_method", method=name, known=tuple(METHODS))
     return cast("Method[Any, Any]", import_module(f"insnav.lab.{METHODS[name]}"))
 
 
 def physical(errors: ImuErrors) -> ImuErrors:
-    """Errors of rates and specific forces, where the zero of volts or counts is taken for 0 of them."""
+    """Convert to errors of rates and specific forces: the zero of volts or counts becomes a part of the bias."""
     gyro, accel = errors.gyro_raw, errors.accel_raw
     return replace(
         errors,
@@ -327,7 +321,7 @@ def physical(errors: ImuErrors) -> ImuErrors:
 
 
 def carried_over(new: ImuErrors, other: ImuErrors, kept: str) -> ImuErrors:
-    """Take the other triad, ``gyro`` or ``accel``, from an earlier calibration."""
+    """Copy the errors of one triad, `kept` (``gyro`` or ``accel``), from an earlier calibration into a new one."""
     fields = [field for field in new.__dataclass_fields__ if field.startswith(f"{kept}_")]
     return replace(new, **{field: getattr(other, field) for field in fields})
 
@@ -335,8 +329,8 @@ def carried_over(new: ImuErrors, other: ImuErrors, kept: str) -> ImuErrors:
 def measured(name: str, value: float, unit: str, sd: float | None = None, half_width: float | None = None) -> Quantity:
     """Build a quantity from values in the display unit.
 
-    `value`, `sd`, `half_width`: estimate, standard deviation and half its 95 % interval, in `unit`. `unit`: of
-    `insnav.units`, or any other.
+    `value`, `sd`, `half_width`: estimate, standard deviation and half its 95 % interval, in `unit`. `unit`: one
+    of `insnav.units`, from which values are converted to SI, or any other.
     """
     factor = UNITS[unit][1] if unit in UNITS else 1.0
     key = re.sub(r"[^0-9A-Za-z]+", "_", name).strip("_")
@@ -347,13 +341,13 @@ def measured(name: str, value: float, unit: str, sd: float | None = None, half_w
 
 
 def fitted(fit: Fit, units: Sequence[str], sensor: str = "") -> tuple[Quantity, ...]:
-    """Parameters of a fit with standard deviation and 95 % interval, each in its unit; the sensor leads the names."""
+    """Build a quantity of each parameter of a fit. `units`: display units. `sensor`: prefix of the names."""
     rows = zip(fit.names, fit.value, units, fit.sd, fit.half_width(), strict=True)
     return tuple(measured(f"{sensor} {name}".strip(), *row) for name, *row in rows)
 
 
 def common_unit(units: Sequence[tuple[str, str]]) -> str:
-    """Unit that all outputs share, of pairs of a name and a unit. Raises: InputError: they differ."""
+    """Return the common unit of outputs. `units`: pairs of name and unit. Raises: InputError: the units differ."""
     if len({unit for _, unit in units}) > 1:
         raise InputError("lab.mixed_units", units=tuple(dict.fromkeys(f"{name}: {unit}" for name, unit in units)))
     return units[0][1]
@@ -364,11 +358,11 @@ BADLY_CONDITIONED = 30.0  # condition number beyond which parameters are hardly 
 
 def about(name: str, findings: Iterable[Finding]) -> tuple[Finding, ...]:
     """Add the name of a sensor or a file to the subjects of findings: ``gyro x (rates.csv)``."""
-    return tuple(replace(each, subject=f"{each.subject} ({name})" if each.subject else name) for each in findings)
+    return tuple(replace(item, subject=f"{item.subject} ({name})" if item.subject else name) for item in findings)
 
 
 def badly_conditioned(fits: Mapping[str, Fit] | Mapping[str, Triad]) -> tuple[Finding, ...]:
-    """Find fits, by their sensors, that hardly separate their parameters."""
+    """Report fits that hardly separate their parameters. `fits`: by sensor."""
     return tuple(
         Finding.of(Code.BENCH_CONDITION, subject=name, condition=fit.condition, limit=BADLY_CONDITIONED)
         for name, fit in fits.items()
@@ -377,19 +371,19 @@ def badly_conditioned(fits: Mapping[str, Fit] | Mapping[str, Triad]) -> tuple[Fi
 
 
 def few(what: str, count: int, usual: int, subject: str = "") -> tuple[Finding, ...]:
-    """Find whether there are fewer of something, a word of the catalogue such as ``rates``, than is usual."""
-    found = Finding.of(Code.BENCH_FEW, subject=subject, count=count, limit_count=usual, what=what)
-    return (found,) if count < usual else ()
+    """Report a smaller count than usual. `what`: name of the counted items in the catalogue, such as ``rates``."""
+    finding = Finding.of(Code.BENCH_FEW, subject=subject, count=count, limit_count=usual, what=what)
+    return (finding,) if count < usual else ()
 
 
 def outlier(fit: Fit, row: int, angle_rad: float = math.nan) -> Finding:
-    """Find a row of a fit that does not belong to the others, as `insnav.lab.calibration.outliers` has them."""
-    size = abs(float(fit.residual[row])) / fit.sigma
-    return Finding.of(Code.BENCH_OUTLIER, residual_sigma=size, row=row + 1, angle_rad=angle_rad)
+    """Report an outlying row of a fit, one of `insnav.lab.calibration.outliers`."""
+    residual_sigma = abs(float(fit.residual[row])) / fit.sigma
+    return Finding.of(Code.BENCH_OUTLIER, residual_sigma=residual_sigma, row=row + 1, angle_rad=angle_rad)
 
 
 def warming(temperature: FloatArray | None, limit: float) -> tuple[Finding, ...]:
-    """Find whether the temperature (n,) [deg C] changed by more than a limit [K]."""
+    """Report a change of the temperature (n,) [deg C] by more than a limit [K]; empty if it is smaller."""
     if temperature is None or np.ptp(temperature) <= limit:
         return ()
     low, high = np.min(temperature), np.max(temperature)
@@ -397,10 +391,10 @@ def warming(temperature: FloatArray | None, limit: float) -> tuple[Finding, ...]
 
 
 def navigation_impact(errors: ImuErrors, sd: CalibrationSd) -> tuple[Impact, ...]:
-    """Navigate a simulated minute at rest and on a circle, sensors without other errors.
+    """Navigate a simulated minute at rest and on a circle, with and without the calibration.
 
-    The true errors are sampled about the calibrated ones with their uncertainty; the calibration corrects the known
-    part. Both navigate from the true state, height-constrained.
+    True errors are sampled about the calibrated errors with their uncertainty; sensors have no other errors. Navigation
+    begins with the true state and is height-constrained.
     """
     known = physical(errors)
     rng = np.random.default_rng(SEED)
@@ -412,9 +406,9 @@ def navigation_impact(errors: ImuErrors, sd: CalibrationSd) -> tuple[Impact, ...
     ):
         perfect = imu_from_truth(motion, np.arange(int(MINUTE * RATE) + 1) / RATE)
         path = reference(motion, np.concatenate(([0.0], perfect.time)))
-        measured = [corrupt(perfect, each) for each in truths]
-        without = [_error(path, each) for each in measured]
-        corrected = [_error(path, correct(each, known)) for each in measured]
+        measured = [corrupt(perfect, samples) for samples in truths]
+        without = [_error(path, samples) for samples in measured]
+        corrected = [_error(path, correct(samples, known)) for samples in measured]
         impacts.append(Impact(words, rms(without), rms(corrected)))
     return tuple(impacts)
 
@@ -446,7 +440,7 @@ def _sampled_map(item: AxisMap | None, spread: FloatArray | None, rng: np.random
 def _error(path: Trajectory, imu: ImuData) -> float:
     vertical = path.lla[1:, 2], path.v_n[1:, 2]
     n = len(imu.time)
-    found = navigate(increments(intervals(imu)), path.lla[0], path.v_n[0], path.rph[0], vertical=vertical, every=n)
+    navigated = navigate(increments(intervals(imu)), path.lla[0], path.v_n[0], path.rph[0], vertical=vertical, every=n)
     meridian, transverse = radii(path.lla[-1, 0])
-    north, east = (found.lla[-1] - path.lla[-1])[:2]
+    north, east = (navigated.lla[-1] - path.lla[-1])[:2]
     return float(np.hypot(north * meridian, east * transverse * np.cos(path.lla[-1, 0])))

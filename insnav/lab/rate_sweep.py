@@ -1,13 +1,13 @@
-"""Three gyros swept over rates about each axis: full matrix and bias, then the remaining error over rate.
+"""Three gyros in rate sweeps about each axis: full matrix and bias, then the remaining error as a function of rate.
 
-The files are one per axis, or one with the rates about all. First ``gyro = B w + b`` by least squares, nine
-coefficients and three biases; the rate is ``inverse(B) (gyro - b)``. Then the error of that rate is fitted by straight
-pieces, ``err = k rate + b`` in each, and subtracted. The pieces meet, so the correction is continuous. Every k is far
-below 1, so it is invertible.
+There is one file per axis, or one file with the rates about all axes. First, least squares fit ``gyro = B w + b``, with
+nine coefficients and three biases; the rate is ``inverse(B) (gyro - b)``. Then straight pieces ``err = k rate + b`` fit
+the error of this rate, and are subtracted. The pieces meet, so the correction is continuous. Every k is far below 1, so
+the correction is invertible.
 
-A border of the pieces is added where it lowers the sum of squares most; then all borders are moved in turn until
-convergence. This is the forward selection of hinges by J. H. Friedman, Multivariate Adaptive Regression Splines, Annals
-of Statistics 19 (1991), section 3. An information criterion decides their number.
+Each new border between pieces is placed where it lowers the sum of squares most; then all borders are moved in turn
+until convergence. This is the forward selection of hinges by J. H. Friedman, Multivariate Adaptive Regression Splines,
+Annals of Statistics 19 (1991), section 3. An information criterion decides their number.
 """
 
 from __future__ import annotations
@@ -34,23 +34,23 @@ from insnav.types import BoolArray, FloatArray, IntArray
 from insnav.units import DEG, UNITS
 
 AXES = ("x", "y", "z")
-USUAL_SAMPLES = 500  # in a dwell
+USUAL_SAMPLES = 500  # usual number of samples in a dwell
 SCHEMA = schema("rate_sweep")
-MOST = 12  # pieces
-FEWEST_POINTS = 3  # in a piece
-PENALTY = 3.0  # factor on log n for a border: in pure noise fewer than 1 in 100 records get a border
-_ROUNDS = 20  # of moving borders
-_EXACT = 1e-9  # share of the spread of the points that counts as no misfit
-ROUNDING = 1e-9  # errors of such a share of the largest rate are rounding
+MOST = 12  # largest number of pieces
+FEWEST_POINTS = 3  # least number of points in a piece
+PENALTY = 3.0  # penalty of a border in units of log n: in pure noise fewer than 1 in 100 records get a border
+_ROUNDS = 20  # largest number of rounds of moving borders
+_EXACT = 1e-9  # a misfit below this share of the spread of the points counts as zero
+ROUNDING = 1e-9  # errors below this share of the largest rate are rounding
 
 
 @dataclass(frozen=True, slots=True)
 class SweepRecord:
     """Sweeps reduced to one output per dwell."""
 
-    tables: tuple[BenchTable, ...]  # as read
-    dwells: Dwells  # of all: setting is the rate about x, y, z [rad/s], value the outputs of gyros x, y, z
-    unit: str  # of the outputs; values are in volts or counts if this is such a unit, else in rad/s
+    tables: tuple[BenchTable, ...]  # tables of the files, as read
+    dwells: Dwells  # of all tables: setting is the rate about x, y, z [rad/s], value the outputs of gyros x, y, z
+    unit: str  # unit of the outputs in the file; volts and counts are kept, other values are converted to rad/s
     warnings: tuple[Finding, ...]
 
     @property
@@ -60,15 +60,15 @@ class SweepRecord:
 
     @property
     def name(self) -> str:
-        """The files."""
+        """Names of the files."""
         return ", ".join(table.name for table in self.tables)
 
 
 def read_sweeps(paths: Sequence[str | Path | Table], how: BenchOptions = calibration.STANDARD) -> SweepRecord:
-    """Read the sweeps.
+    """Read rate sweeps of three gyros.
 
-    `paths`: three files with ``rate_deg_s``, the table turned about x, about y, about z; or one with ``rate_x_deg_s``,
-    ``rate_y_deg_s``, ``rate_z_deg_s``. Each with ``gyro_x_deg_s`` to ``gyro_z_deg_s``, or in volts or counts.
+    `paths`: three files with ``rate_deg_s``, for rotation about x, y and z; or one file with ``rate_x_deg_s``,
+    ``rate_y_deg_s``, ``rate_z_deg_s``. Each has ``gyro_x_deg_s`` to ``gyro_z_deg_s``, or outputs in volts or counts.
     Successive rows of one rate are the samples of a dwell. `how`: columns and limit of spikes. Raises: InputError: the
     files cannot be used, or are neither one nor three.
     """
@@ -97,47 +97,47 @@ def read_sweeps(paths: Sequence[str | Path | Table], how: BenchOptions = calibra
         else:
             rate = table.stack(*settings)
         outputs = table.stack(*(f"{'raw' if raw else 'gyro'}_{a}" for a in AXES))
-        in_si = limit if raw else limit * UNITS[unit][1]
-        found = reduce_dwells(rate, outputs, in_si, table.get("time"), where=table.name)
+        si_limit = limit if raw else limit * UNITS[unit][1]
+        reduced = reduce_dwells(rate, outputs, si_limit, table.get("time"), where=table.name)
         gyros = tuple(f"gyro {a}" for a in AXES)
-        warnings += calibration.about(table.name, dwell_warnings(found, gyros, table.get("temperature")))
-        if found.raw:
-            warnings += calibration.few("samples of a dwell", int(found.count.min()), USUAL_SAMPLES, table.name)
-        dwells.append(found)
-    joined = (np.concatenate([getattr(each, part.name) for each in dwells]) for part in fields(Dwells))
+        warnings += calibration.about(table.name, dwell_warnings(reduced, gyros, table.get("temperature")))
+        if reduced.raw:
+            warnings += calibration.few("samples of a dwell", int(reduced.count.min()), USUAL_SAMPLES, table.name)
+        dwells.append(reduced)
+    joined = (np.concatenate([getattr(dwell_set, part.name) for dwell_set in dwells]) for part in fields(Dwells))
     return SweepRecord(tables, Dwells(*joined), unit, tuple(warnings))
 
 
-USUAL = 31  # rates about an axis, from which pieces are distinguishable from noise
-FEWEST_FOR_MAP = 12  # with fewer rates no pieces are fitted
-MOST_CROSSED = 0.3  # of the rate about another axis, over that about its own
-FLAT = 0.5  # of its usual slope: below, a gyro is saturated
-_SURE = 4.0  # standard deviations
-_AT_STOP = 0.05  # of its usual growth: below, the output is at its limit
+USUAL = 31  # usual number of rates about an axis; with fewer, pieces are hardly distinguishable from noise
+FEWEST_FOR_MAP = 12  # with fewer rates about an axis, no pieces are fitted
+MOST_CROSSED = 0.3  # largest sensitivity to another axis, relative to the own axis
+FLAT = 0.5  # a gyro is saturated where its slope is below this share of the median slope
+_SURE = 4.0  # least significant difference, in standard deviations
+_AT_STOP = 0.05  # an output that grows by less than this share of its usual growth is at its limit
 
 
 def check_rates(rate: FloatArray, own: Sequence[IntArray], where: str) -> tuple[Finding, ...]:
     """Refuse sweeps without an axis, and report unusual rates.
 
-    `rate` (n, 3): rates of the table [rad/s]. `own` (k,): dwells about each axis alone.
+    `rate` (n, 3): rates of the table [rad/s]. `own`: for each axis, the rows (k,) with rotation about no other axis.
     """
     warnings: list[Finding] = []
     for axis, rows in zip("xyz", own, strict=True):
-        different, gyro = np.unique(rate[rows, "xyz".index(axis)]), f"gyro {axis}"
-        if different.size < FEWEST:
-            values: dict[str, Any] = {"axis": axis, "count": different.size, "limit": FEWEST}
-            raise InputError("lab.no_sweep" if different.size < 2 else "lab.short_sweep", where=where, **values)
-        if different[0] >= 0.0 or different[-1] <= 0.0:
+        distinct, gyro = np.unique(rate[rows, "xyz".index(axis)]), f"gyro {axis}"
+        if distinct.size < FEWEST:
+            values: dict[str, Any] = {"axis": axis, "count": distinct.size, "limit": FEWEST}
+            raise InputError("lab.no_sweep" if distinct.size < 2 else "lab.short_sweep", where=where, **values)
+        if distinct[0] >= 0.0 or distinct[-1] <= 0.0:
             raise InputError(
-                "lab.one_sided_sweep", where=where, axis=axis, low_rad_s=different[0], high_rad_s=different[-1]
+                "lab.one_sided_sweep", where=where, axis=axis, low_rad_s=distinct[0], high_rad_s=distinct[-1]
             )
-        if different.size < FEWEST_FOR_MAP:
-            count, limit = different.size, FEWEST_FOR_MAP
+        if distinct.size < FEWEST_FOR_MAP:
+            count, limit = distinct.size, FEWEST_FOR_MAP
             warnings.append(Finding.of(Code.BENCH_NO_MAP, subject=gyro, count=count, limit_count=limit))
         else:
-            warnings += calibration.few("rates", different.size, USUAL, gyro)
-        if -different[0] < 0.5 * different[-1] or different[-1] < -0.5 * different[0]:
-            low, high = different[0], different[-1]
+            warnings += calibration.few("rates", distinct.size, USUAL, gyro)
+        if -distinct[0] < 0.5 * distinct[-1] or distinct[-1] < -0.5 * distinct[0]:
+            low, high = distinct[0], distinct[-1]
             warnings.append(Finding.of(Code.BENCH_ONE_SIDED, subject=gyro, low_rad_s=low, high_rad_s=high))
     return tuple(warnings)
 
@@ -145,49 +145,49 @@ def check_rates(rate: FloatArray, own: Sequence[IntArray], where: str) -> tuple[
 def saturated(rate: FloatArray, output: FloatArray, sd: FloatArray) -> tuple[BoolArray, tuple[Dropped, ...]]:
     """Find the ends of a sweep where the output hardly grows with the rate.
 
-    A non-linear gyro leaves a straight line long before its range ends. It is saturated from the rate at which its
-    slope falls below half of the usual.
+    A non-linear gyro leaves a straight line long before its range ends. It is saturated from the rate on at which
+    its slope falls below half of the median slope.
 
     `rate` (n,): about the gyro's own axis [deg/s]. `output` (n,): mean outputs. `sd` (n,): their standard deviations.
-    Returns lost (n,).
+    Returns lost (n,): True if saturated; dropped: saturated rates, with reason.
     """
-    different, which = np.unique(rate, return_inverse=True)
-    count = np.bincount(which)
-    mean = np.bincount(which, output) / count
-    noise = np.sqrt(np.bincount(which, sd**2)) / count
-    slope = np.diff(mean) / np.diff(different)
-    usual = float(np.median(slope))
-    if usual == 0.0:
+    distinct, index = np.unique(rate, return_inverse=True)
+    count = np.bincount(index)
+    mean = np.bincount(index, output) / count
+    noise = np.sqrt(np.bincount(index, sd**2)) / count
+    slope = np.diff(mean) / np.diff(distinct)
+    median_slope = float(np.median(slope))
+    if median_slope == 0.0:
         return np.zeros(rate.size, dtype=np.bool_), ()
-    share = slope / usual
-    unsure = np.hypot(noise[1:], noise[:-1]) / (np.diff(different) * abs(usual))
-    flat = share + _SURE * unsure < FLAT
-    lost = np.zeros(rate.size, dtype=np.bool_)
+    share = slope / median_slope
+    share_sd = np.hypot(noise[1:], noise[:-1]) / (np.diff(distinct) * abs(median_slope))
+    flat = share + _SURE * share_sd < FLAT
+    saturated_rows = np.zeros(rate.size, dtype=np.bool_)
     dropped = []
     for sense in (1.0, -1.0):
-        outer = different[1:] if sense > 0.0 else -different[:-1]  # of each step, the outer end in this sense
+        outer = distinct[1:] if sense > 0.0 else -distinct[:-1]  # outer end of each step
         ends = outer[flat & (outer > 0.0)]
         if ends.size == 0:
             continue
         first = float(ends.min())
         # the previous rate may already be at the limit, though the output still grew up to it
-        at = int(np.flatnonzero(different == sense * first)[0])
-        before = at - int(sense)
-        if abs(mean[at] - mean[before]) < max(
-            _AT_STOP * abs(usual * (different[at] - different[before])),
-            _SURE * float(np.hypot(noise[at], noise[before])),
+        row = int(np.flatnonzero(distinct == sense * first)[0])
+        inner_row = row - int(sense)
+        if abs(mean[row] - mean[inner_row]) < max(
+            _AT_STOP * abs(median_slope * (distinct[row] - distinct[inner_row])),
+            _SURE * float(np.hypot(noise[row], noise[inner_row])),
         ):
-            first = sense * float(different[before])
-        lost |= sense * rate >= first
-        for value in different[sense * different >= first]:
-            short = float(mean[different == value][0] - _extended(different, mean, sense * first, sense, float(value)))
+            first = sense * float(distinct[inner_row])
+        saturated_rows |= sense * rate >= first
+        for value in distinct[sense * distinct >= first]:
+            excess = float(mean[distinct == value][0] - _extended(distinct, mean, sense * first, sense, float(value)))
             reason = Finding.of(Code.BENCH_RATE_FLAT, limit_share=FLAT)
-            dropped.append(Dropped(float(value), short, float("nan"), reason))
-    return lost, tuple(sorted(dropped, key=lambda item: item.rate))
+            dropped.append(Dropped(float(value), excess, float("nan"), reason))
+    return saturated_rows, tuple(sorted(dropped, key=lambda item: item.rate))
 
 
 def _extended(rate: FloatArray, output: FloatArray, first: float, sense: float, at: float) -> float:
-    """Extrapolate the straight line through the inner rates to an outer rate."""
+    """Extrapolate the straight line through the rates within `first` to an outer rate `at`."""
     inside = sense * rate < sense * first
     if np.count_nonzero(inside) < 2:
         return float("nan")
@@ -195,7 +195,7 @@ def _extended(rate: FloatArray, output: FloatArray, first: float, sense: float, 
 
 
 def refuse_crossed(fits: Sequence[Fit], raw: bool, where: str) -> None:
-    """Refuse gyros that respond to another axis, or have another unit.
+    """Refuse gyros that mainly respond to another axis, or whose outputs have another unit.
 
     `fits`: sensitivities to x, y, z and bias of each gyro. `raw`: whether the outputs are in volts or counts.
     """
@@ -214,7 +214,8 @@ def refuse_crossed(fits: Sequence[Fit], raw: bool, where: str) -> None:
 def shifted_zeros(error: FloatArray, own: Sequence[IntArray]) -> tuple[Finding, ...]:
     """Find gyros whose zero differs between the sweeps about the other two axes.
 
-    `error` (n, 3): of the corrected rates [rad/s]; NaN where not known. `own` (k,): dwells about each axis alone.
+    `error` (n, 3): of the corrected rates [rad/s]; NaN if unknown. `own`: for each axis, the rows (k,) with rotation
+    about no other axis.
     """
     warnings = []
     for i, axis in enumerate("xyz"):
@@ -234,18 +235,18 @@ def shifted_zeros(error: FloatArray, own: Sequence[IntArray]) -> tuple[Finding, 
 
 @dataclass(frozen=True, slots=True)
 class Pieces:
-    """Straight pieces that meet at their borders."""
+    """Continuous function of straight pieces, fitted to points."""
 
-    knot: FloatArray  # (k,) the two ends and the borders between, increasing
-    value: FloatArray  # (k,) of the line at the knots
-    covariance: FloatArray  # (k, k) of these, borders taken as known
-    residual: FloatArray  # (n,) points minus line
-    left_out: FloatArray  # (n,) residual of each point from a line fitted without it, with the same borders
-    sigma: float  # standard deviation of a point of weight 1 about the line
+    knot: FloatArray  # (k,) x of both ends and of the borders between pieces, increasing
+    value: FloatArray  # (k,) values of the function at the knots
+    covariance: FloatArray  # (k, k) covariance of these values, for given borders
+    residual: FloatArray  # (n,) points minus function
+    left_out: FloatArray  # (n,) residual of each point from a function fitted without this point, with the same borders
+    sigma: float  # standard deviation of a point of weight 1
 
     @property
     def straight(self) -> bool:
-        """True without a border."""
+        """True if there is only one piece."""
         return self.knot.size == 2
 
     @property
@@ -266,47 +267,48 @@ class Pieces:
         return np.asarray(self.value[:-1] - self.slope * self.knot[:-1])
 
     def room(self, piece: int) -> tuple[float, float]:
-        """Return the range of intercepts for which a piece, from 0, meets its neighbours in order."""
-        move = np.zeros(self.knot.size)  # of the borders per unit of the intercept
-        for border, other in ((piece, piece - 1), (piece + 1, piece + 1)):
+        """Return the range of intercepts of a piece, counted from 0, for which all borders stay in order."""
+        move = np.zeros(self.knot.size)  # shift of each border per unit of the intercept
+        for border, neighbour in ((piece, piece - 1), (piece + 1, piece + 1)):
             if 0 < border < self.knot.size - 1:
-                move[border] = -1.0 / (self.slope[piece] - self.slope[other])
+                move[border] = -1.0 / (self.slope[piece] - self.slope[neighbour])
         with np.errstate(divide="ignore"):
             limit = -np.diff(self.knot) / np.diff(move)
         room = limit[np.isfinite(limit)]
-        own = float(self.intercept[piece])
-        return own + max(room[room < 0.0], default=-np.inf), own + min(room[room > 0.0], default=np.inf)
+        intercept = float(self.intercept[piece])
+        return intercept + max(room[room < 0.0], default=-np.inf), intercept + min(room[room > 0.0], default=np.inf)
 
     def with_intercept(self, piece: int, intercept: float, x: FloatArray) -> Pieces:
         """Move one piece up or down; its neighbours keep their lines and meet it at other borders.
 
-        `piece`: from 0. `intercept`: new one. `x` (n,): of the points. Raises: ConfigError: it meets them nowhere
-        between.
+        `piece`: counted from 0. `intercept`: new intercept. `x` (n,): positions of the points. Raises: ConfigError: the
+        borders would not stay in order.
         """
         shift = intercept - self.intercept[piece]
         last = self.knot.size - 1
-        knot, kept = self.knot.copy(), np.zeros((last + 1, last + 1))
+        knot, weights = self.knot.copy(), np.zeros((last + 1, last + 1))
         for border in range(last + 1):
-            fixed = border - 1 if border > 0 and (border - 1 != piece or border == last) else min(border, last - 1)
+            # the border lies on the line of an adjacent piece, `still`, which does not move unless it is at an end
+            still = border - 1 if border > 0 and (border - 1 != piece or border == last) else min(border, last - 1)
             if border in (piece, piece + 1) and 0 < border < last:
                 with np.errstate(divide="ignore"):
-                    knot[border] -= shift / (self.slope[piece] - self.slope[fixed])
-            share = (knot[border] - self.knot[fixed]) / (self.knot[fixed + 1] - self.knot[fixed])
-            kept[border, fixed : fixed + 2] = 1.0 - share, share
+                    knot[border] -= shift / (self.slope[piece] - self.slope[still])
+            share = (knot[border] - self.knot[still]) / (self.knot[still + 1] - self.knot[still])
+            weights[border, still : still + 2] = 1.0 - share, share
         if not (np.isfinite(knot).all() and (np.diff(knot) > 0.0).all()):
             low, high = self.room(piece)
             raise ConfigError(
                 "lab.piece_past_neighbours", before_rad_s=self.intercept[piece], low_rad_s=low, high_rad_s=high
             )
-        value = kept @ self.value
+        value = weights @ self.value
         ends = [border for border in (0, last) if border in (piece, piece + 1)]
         value[ends] += shift
-        moved = Pieces(knot, value, kept @ self.covariance @ kept.T, self.residual, self.left_out, self.sigma)
+        moved = Pieces(knot, value, weights @ self.covariance @ weights.T, self.residual, self.left_out, self.sigma)
         change = moved.at(x) - self.at(x)
         return replace(moved, residual=self.residual - change, left_out=self.left_out - change)
 
     def at(self, x: FloatArray) -> FloatArray:
-        """Evaluate the line at x (n,), with extended outer pieces."""
+        """Evaluate the function at x (n,); the outer pieces extend beyond the ends."""
         piece = np.searchsorted(self.knot[1:-1], x)
         return np.asarray(self.intercept[piece] + self.slope[piece] * x)
 
@@ -314,8 +316,8 @@ class Pieces:
 def fit_pieces(x: FloatArray, y: FloatArray, weight: FloatArray | None = None) -> Pieces:
     """Fit as many straight pieces as the points support.
 
-    `x`, `y` (n,): points, in any order; at least six different x. `weight` (n,): how many points each stands for;
-    default one. Its ends are the outermost points.
+    `x`, `y` (n,): points, in any order; at least six different x. `weight` (n,): number of measurements that each
+    point represents; default one. The function ends at the outermost points.
     """
     order = np.argsort(x, kind="stable")
     root = np.ones(x.size) if weight is None else np.sqrt(weight[order])
@@ -338,7 +340,7 @@ def fit_pieces(x: FloatArray, y: FloatArray, weight: FloatArray | None = None) -
 
 @dataclass(frozen=True, slots=True)
 class _Points:
-    """Points: increasing x, roots of the weights, and y times these."""
+    """Points: increasing x, square roots of the weights, and y times these roots."""
 
     x: FloatArray
     root: FloatArray
@@ -346,12 +348,12 @@ class _Points:
 
 
 def _hinges(points: _Points, borders: FloatArray) -> FloatArray:
-    """Build functions that are zero up to a border and rise beyond it, weighted, (n, borders)."""
+    """Build weighted hinge functions, zero up to a border and with slope 1 beyond, (n, borders)."""
     return np.asarray(np.maximum(points.x[:, None] - borders, 0.0) * points.root[:, None])
 
 
 def _rest(points: _Points, borders: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return orthonormal columns of all lines with these borders, and the residual of the best line."""
+    """Return an orthonormal basis of all functions with these borders, and the weighted residual of the best one."""
     straight = np.column_stack((points.root, points.root * points.x))
     q = np.linalg.qr(np.hstack((straight, _hinges(points, borders))))[0]
     return q, np.asarray(points.y - q @ (q.T @ points.y))
@@ -364,40 +366,40 @@ def _criterion(points: _Points, borders: FloatArray, floor: float) -> float:
 
 
 def _best_border(points: _Points, borders: FloatArray, candidates: FloatArray) -> float | None:
-    """Find the candidate that lowers the sum of squares most, with enough points to its neighbours."""
-    place = np.searchsorted(points.x, candidates)
-    free = np.ones(candidates.size, dtype=np.bool_)
+    """Find the candidate that lowers the sum of squares most, with enough points between borders."""
+    row = np.searchsorted(points.x, candidates)
+    allowed = np.ones(candidates.size, dtype=np.bool_)
     for other in np.searchsorted(points.x, borders):
-        free &= np.abs(place - other) >= FEWEST_POINTS
-    if not free.any():
+        allowed &= np.abs(row - other) >= FEWEST_POINTS
+    if not allowed.any():
         return None
-    q, rest = _rest(points, borders)
-    hinges = _hinges(points, candidates[free])
-    new = hinges - q @ (q.T @ hinges)
-    length = np.sum(new**2, axis=0)
-    real = length > 1e-12 * np.sum(hinges**2, axis=0)
-    gain = np.where(real, (rest @ new) ** 2 / np.maximum(length, 1e-300), 0.0)
-    return float(candidates[free][int(np.argmax(gain))])
+    q, residual = _rest(points, borders)
+    hinges = _hinges(points, candidates[allowed])
+    orthogonal = hinges - q @ (q.T @ hinges)
+    length = np.sum(orthogonal**2, axis=0)
+    distinct = length > 1e-12 * np.sum(hinges**2, axis=0)
+    gain = np.where(distinct, (residual @ orthogonal) ** 2 / np.maximum(length, 1e-300), 0.0)
+    return float(candidates[allowed][int(np.argmax(gain))])
 
 
 def _moved(points: _Points, borders: FloatArray, candidates: FloatArray) -> FloatArray:
     """Move each border in turn to its best position given the others, until convergence."""
     for _ in range(_ROUNDS):
-        before = borders
+        previous = borders
         for i in range(borders.size):
             others = np.delete(borders, i)
-            found = _best_border(points, others, candidates)
-            if found is not None:
-                borders = np.sort(np.append(others, found))
-        if np.array_equal(before, borders):
+            best = _best_border(points, others, candidates)
+            if best is not None:
+                borders = np.sort(np.append(others, best))
+        if np.array_equal(previous, borders):
             break
     return borders
 
 
 def _fitted(points: _Points, knot: FloatArray, back: IntArray) -> Pieces:
-    """Compute values at the knots, and residuals in the original order of the points."""
-    line = np.column_stack([np.interp(points.x, knot, row) for row in np.eye(knot.size)])
-    design = line * points.root[:, None]
+    """Compute values at the knots, and residuals in the original order of the points, which `back` restores."""
+    interpolation = np.column_stack([np.interp(points.x, knot, row) for row in np.eye(knot.size)])
+    design = interpolation * points.root[:, None]
     value = np.asarray(np.linalg.lstsq(design, points.y, rcond=None)[0], dtype=np.float64)
     residual = points.y - design @ value
     sigma = float(np.sqrt(np.sum(residual**2) / max(points.x.size - knot.size, 1)))
@@ -413,11 +415,10 @@ class Adjusted:
     """Piece with a manual intercept."""
 
     gyro: int
-    piece: int  # from 0
-    # fitted and manual intercept [rad/s]
-    found: float
-    given: float
-    # root mean square error of the dwells in the piece with each of them; NaN without a dwell [rad/s]
+    piece: int  # number of the piece, from 0
+    found: float  # fitted intercept [rad/s]
+    given: float  # manual intercept [rad/s]
+    # RMS error of the dwells in the piece, with the fitted and with the manual intercept; NaN without a dwell [rad/s]
     before: float
     after: float
 
@@ -428,23 +429,23 @@ class SweepCalibration:
 
     rate: FloatArray  # (n, 3) rate of the table in each dwell [rad/s]
     output: FloatArray  # (n, 3) mean output of each gyro [unit of the output]
-    raw: bool  # the output is in volts or counts, not rad/s
-    own: tuple[IntArray, ...]  # (k,) dwells about x alone, about y alone, about z alone
-    # (3, 3) B [unit of the output per rad/s]: best straight line over the table's rates, also where the gyros bend
+    raw: bool  # True: outputs are in volts or counts; False: in rad/s
+    own: tuple[IntArray, ...]  # for each axis, the rows (k,) with rotation about no other axis
+    # (3, 3) B [unit of the output per rad/s]: best straight line over all rates, also where a gyro is non-linear
     matrix: FloatArray
     bias: FloatArray  # (3,) b [unit of the output]
-    fits: tuple[Fit, ...]  # of each gyro: three sensitivities and the bias
-    used: BoolArray  # (n, 3) dwells in each gyro's fit
-    dropped: tuple[tuple[int, Dropped], ...]  # saturated: gyro and rate [deg/s]
-    # error of the corrected rate of each gyro over that rate [rad/s], None if it is noise about zero
+    fits: tuple[Fit, ...]  # fit of each gyro: three sensitivities and the bias
+    used: BoolArray  # (n, 3) dwells used for the fit of each gyro
+    dropped: tuple[tuple[int, Dropped], ...]  # saturated dwells: number of the gyro, and rate [deg/s]
+    # error of the corrected rate as a function of this rate, for each gyro [rad/s]; None if it is only noise
     pieces: tuple[Pieces | None, ...]
-    # (n, 3) rate minus table rate [rad/s], NaN for a saturated gyro. Corrected by bias and scale factor alone, by the
-    # full matrix, and by matrix and pieces
+    # (n, 3) corrected rate minus table rate [rad/s], NaN if a gyro is saturated. Corrections: only bias and scale
+    # factor; full matrix; matrix and pieces.
     error_line: FloatArray
     error_matrix: FloatArray
     error_map: FloatArray
     warnings: tuple[Finding, ...]
-    adjusted: tuple[Adjusted, ...] = ()  # manual changes
+    adjusted: tuple[Adjusted, ...] = ()  # manual changes of intercepts
 
 
 def calibrate_sweeps(
@@ -456,48 +457,48 @@ def calibrate_sweeps(
     where: str = "",
     intercepts: Mapping[str, float] | None = None,
 ) -> SweepCalibration:
-    """Calibrate three gyros.
+    """Calibrate three gyros by rate sweeps about three axes.
 
     `rate` (n, 3): rates of the table about x, y, z [rad/s]; one row per dwell. `output` (n, 3): mean outputs of gyros
     x, y, z [rad/s, or volts or counts]. `sd` (n, 3): standard deviations of these means, zero if unknown. `raw`: the
     outputs are in volts or counts. `intercepts`: manual values for pieces, ``{"x2": 0.01}`` for the second of gyro x
     [deg/s].
     Raises: ConfigError: an intercept of a missing piece, or beyond its neighbours. InputError: an axis without a sweep,
-    too few rates, or gyros with wrong axis or unit. Also an error too steep for inversion.
+    too few rates, gyros with wrong axis or unit, or an error too steep for inversion.
     """
-    # dwells about one axis alone; rest counts for all
+    # rows with rotation about one axis only; rows at rest belong to every axis
     own = tuple(np.flatnonzero(~np.delete(rate, axis, axis=1).any(axis=1)) for axis in range(3))
     warnings = check_rates(rate, own, where)
     used: BoolArray = np.ones(rate.shape, dtype=np.bool_)
     dropped: list[tuple[int, Dropped]] = []
     for axis, rows in enumerate(own):
-        lost, items = saturated(np.round(rate[rows, axis] / DEG, 9), output[rows, axis], sd[rows, axis])
-        used[rows[lost], axis] = False
+        saturated_rows, items = saturated(np.round(rate[rows, axis] / DEG, 9), output[rows, axis], sd[rows, axis])
+        used[rows[saturated_rows], axis] = False
         dropped += [(axis, item) for item in items]
-        left = np.unique(rate[rows[~lost], axis]).size
-        if left < FEWEST:
-            raise InputError("lab.saturated_sweep", where=where, axis="xyz"[axis], count=left, limit=FEWEST)
+        count = np.unique(rate[rows[~saturated_rows], axis]).size
+        if count < FEWEST:
+            raise InputError("lab.saturated_sweep", where=where, axis="xyz"[axis], count=count, limit=FEWEST)
     names = tuple(f"{where}, gyro {axis}" for axis in "xyz")
     fits = calibration.affine_fits(rate, output, names, used)
     refuse_crossed(fits, raw, where)
     pieces = _all_pieces(rate, output, used, fits, names)
     if any(item is not None for item in pieces):
-        # a gyro of this shape gives B times the bent rate: the matrix is then fitted without the shape as scatter
-        bent = np.column_stack(
+        # A non-linear gyro outputs B times a bent rate. Fitted to bent rates, the matrix is free of non-linearity.
+        bent_rate = np.column_stack(
             [r if p is None else AxisMap(p.knot, p.value).inverse(r) for r, p in zip(rate.T, pieces, strict=True)]
         )
-        fits = calibration.affine_fits(bent, output, names, used)
+        fits = calibration.affine_fits(bent_rate, output, names, used)
         pieces = _all_pieces(rate, output, used, fits, names)
-    matrix, bias, after = _matrix_errors(rate, output, used, fits)
+    matrix, bias, matrix_error = _matrix_errors(rate, output, used, fits)
     complete = used.all(axis=1, keepdims=True)
     adjusted: list[Adjusted] = []
     for name, value in (intercepts or {}).items():
-        pieces, change = _adjust(pieces, name, value * DEG, rate, np.where(complete, after, np.nan))
+        pieces, change = _adjust(pieces, name, value * DEG, rate, np.where(complete, matrix_error, np.nan))
         adjusted.append(change)
-    final = after.copy()
+    final = matrix_error.copy()
     for i, item in enumerate(pieces):
         if item is not None:
-            final[:, i] -= AxisMap(item.knot, item.value).rate_error(rate[:, i] + after[:, i])
+            final[:, i] -= AxisMap(item.knot, item.value).rate_error(rate[:, i] + matrix_error[:, i])
     return SweepCalibration(
         rate=rate,
         output=output,
@@ -510,9 +511,9 @@ def calibrate_sweeps(
         dropped=tuple(dropped),
         pieces=pieces,
         error_line=np.asarray(np.where(complete, output - bias, np.nan) / np.diag(matrix) - rate),
-        error_matrix=after,
+        error_matrix=matrix_error,
         error_map=final,
-        warnings=(*warnings, *shifted_zeros(after, own)),
+        warnings=(*warnings, *shifted_zeros(matrix_error, own)),
         adjusted=tuple(adjusted),
     )
 
@@ -520,34 +521,34 @@ def calibrate_sweeps(
 def _adjust(
     pieces: tuple[Pieces | None, ...], name: str, value: float, rate: FloatArray, error: FloatArray
 ) -> tuple[tuple[Pieces | None, ...], Adjusted]:
-    """Set one intercept, and record its effect.
+    """Set the intercept of one piece, and record its effect.
 
-    `name`: gyro and number of the piece. `value`: intercept [rad/s]. `rate` (n, 3): of the table. `error` (n, 3): of
-    the rate by the matrix, NaN if unused [rad/s].
+    `name`: gyro and number of the piece. `value`: intercept [rad/s]. `rate` (n, 3): rate of the table.
+    `error` (n, 3): error of the rate by the matrix, NaN if unused [rad/s].
     """
-    parts = re.fullmatch(r"([xyz])([1-9][0-9]?)", name)
+    match = re.fullmatch(r"([xyz])([1-9][0-9]?)", name)
     count = [0 if item is None else item.slope.size for item in pieces]
-    if parts is None or int(parts[2]) > count["xyz".index(parts[1])]:
+    if match is None or int(match[2]) > count["xyz".index(match[1])]:
         raise ConfigError("lab.no_piece", where="--intercept", piece=name, pieces=tuple(count))
-    gyro, piece = "xyz".index(parts[1]), int(parts[2]) - 1
+    gyro, piece = "xyz".index(match[1]), int(match[2]) - 1
     item = pieces[gyro]
     assert item is not None
-    free = np.isfinite(error[:, gyro])
-    true, left = rate[free, gyro], error[free, gyro]
-    different, mean, _ = _means(true, left)
+    known = np.isfinite(error[:, gyro])
+    true, known_error = rate[known, gyro], error[known, gyro]
+    distinct, mean, _ = _means(true, known_error)
     try:
-        moved = item.with_intercept(piece, value, different + mean)
+        moved = item.with_intercept(piece, value, distinct + mean)
     except ConfigError as error:
         error.where = f"--intercept {name}"
         raise
-    measured_rate = true + left
+    measured_rate = true + known_error
     inside = np.searchsorted(moved.knot[1:-1], measured_rate) == piece
     sizes = [
-        float(np.sqrt(np.mean((left - line.at(measured_rate))[inside] ** 2))) if inside.any() else np.nan
+        float(np.sqrt(np.mean((known_error - line.at(measured_rate))[inside] ** 2))) if inside.any() else np.nan
         for line in (item, moved)
     ]
     change = Adjusted(gyro, piece, float(item.intercept[piece]), value, *sizes)
-    return tuple(moved if i == gyro else each for i, each in enumerate(pieces)), change
+    return tuple(moved if i == gyro else other for i, other in enumerate(pieces)), change
 
 
 def read(files: Sequence[str | Path | Table], how: BenchOptions) -> SweepRecord:
@@ -556,24 +557,24 @@ def read(files: Sequence[str | Path | Table], how: BenchOptions) -> SweepRecord:
 
 
 def fit(record: SweepRecord, how: BenchOptions) -> Calibration[SweepRecord, SweepCalibration]:
-    """Fit matrix, bias and the error over the rate; see `calibrate_sweeps`."""
+    """Fit matrix, bias and the error as a function of rate; see `calibrate_sweeps`."""
     rate, output, sd_of_output = record.dwells.setting, record.dwells.value, record.dwells.sd
-    found = calibrate_sweeps(rate, output, sd_of_output, raw=record.raw, where=record.name, intercepts=how.intercepts)
-    errors, sd = sweep_errors(found, record.unit, how.name)
-    fits = {f"gyro {axis}": each for axis, each in zip("xyz", found.fits, strict=True)}
-    left_out = (Finding.of(Code.BENCH_LEFT_OUT, count=len(found.dropped)),) * bool(found.dropped)
+    result = calibrate_sweeps(rate, output, sd_of_output, raw=record.raw, where=record.name, intercepts=how.intercepts)
+    errors, sd = sweep_errors(result, record.unit, how.name)
+    fits = {f"gyro {axis}": gyro_fit for axis, gyro_fit in zip("xyz", result.fits, strict=True)}
+    left_out = (Finding.of(Code.BENCH_LEFT_OUT, count=len(result.dropped)),) * bool(result.dropped)
     worse = (
-        Finding.of(Code.BENCH_INTERCEPT, subject=f"{'xyz'[g]}{i + 1}", after_rad_s=after, before_rad_s=before)
-        for g, i, _, _, before, after in map(astuple, found.adjusted)
-        if after > before
+        Finding.of(Code.BENCH_INTERCEPT, subject=f"{'xyz'[g]}{i + 1}", after_rad_s=rms_after, before_rad_s=rms_before)
+        for g, i, _, _, rms_before, rms_after in map(astuple, result.adjusted)
+        if rms_after > rms_before
     )
-    warnings = (*left_out, *record.warnings, *found.warnings, *worse, *calibration.badly_conditioned(fits))
-    parameters = _parameters(found, record.unit if record.raw else "deg/s")
-    return Calibration("imu", errors, sd, parameters, fits, record, found, how, warnings)
+    warnings = (*left_out, *record.warnings, *result.warnings, *worse, *calibration.badly_conditioned(fits))
+    parameters = _parameters(result, record.unit if record.raw else "deg/s")
+    return Calibration("imu", errors, sd, parameters, fits, record, result, how, warnings)
 
 
 def sweep_errors(found: SweepCalibration, unit: str, name: str = "") -> tuple[ImuErrors, CalibrationSd]:
-    """Build errors for the calibration file, outputs in `unit`, and their uncertainty."""
+    """Build errors for the calibration file, and their uncertainty. `unit`: unit of the outputs."""
     maps = tuple(None if item is None else AxisMap(item.knot, item.value) for item in found.pieces)
     gyro_map = DynamicMap(maps) if any(item is not None for item in maps) else None
     bias_sd = np.array([fit.sd[3] for fit in found.fits])
@@ -586,26 +587,26 @@ def sweep_errors(found: SweepCalibration, unit: str, name: str = "") -> tuple[Im
     scale = np.diag(found.matrix).copy()
     raw = RawScale(unit, found.bias, scale)
     errors = ImuErrors(gyro_matrix=found.matrix / scale[:, None], gyro_raw=raw, gyro_map=gyro_map, name=name)
-    size = np.abs(scale)
-    return errors, CalibrationSd(gyro_bias=bias_sd / size, gyro_matrix=matrix_sd / size[:, None], gyro_map=spread)
+    gain = np.abs(scale)
+    return errors, CalibrationSd(gyro_bias=bias_sd / gain, gyro_matrix=matrix_sd / gain[:, None], gyro_map=spread)
 
 
 def _parameters(found: SweepCalibration, unit: str) -> tuple[Quantity, ...]:
     """Build bias, own scale factor and misalignments of each gyro."""
     items = []
-    for i, (axis, each) in enumerate(zip("xyz", found.fits, strict=True)):
-        half, own = each.half_width(), float(each.value[i])
+    for i, (axis, line) in enumerate(zip("xyz", found.fits, strict=True)):
+        half, gain = line.half_width(), float(line.value[i])
         rate = 1.0 if found.raw else DEG
-        items.append(measured(f"gyro {axis} bias", each.value[3] / rate, unit, each.sd[3] / rate, half[3] / rate))
+        items.append(measured(f"gyro {axis} bias", line.value[3] / rate, unit, line.sd[3] / rate, half[3] / rate))
         if found.raw:
-            scale = (own * DEG, f"{unit}/(deg/s)", each.sd[i] * DEG, half[i] * DEG)
+            scale = (gain * DEG, f"{unit}/(deg/s)", line.sd[i] * DEG, half[i] * DEG)
             items.append(measured(f"gyro {axis} scale factor", *scale))
         else:
-            error = (1e6 * (own - 1.0), "ppm", 1e6 * each.sd[i], 1e6 * half[i])
+            error = (1e6 * (gain - 1.0), "ppm", 1e6 * line.sd[i], 1e6 * half[i])
             items.append(measured(f"gyro {axis} scale factor error", *error))
         for j, other in enumerate("xyz"):
             if j != i:
-                crossed = (1e3 * each.value[j] / own, "mrad", 1e3 * each.sd[j] / abs(own), 1e3 * half[j] / abs(own))
+                crossed = (1e3 * line.value[j] / gain, "mrad", 1e3 * line.sd[j] / abs(gain), 1e3 * half[j] / abs(gain))
                 items.append(measured(f"gyro {axis} senses {other}", *crossed))
     return tuple(items)
 
@@ -613,40 +614,40 @@ def _parameters(found: SweepCalibration, unit: str) -> tuple[Quantity, ...]:
 def _matrix_errors(
     rate: FloatArray, output: FloatArray, used: BoolArray, fits: Sequence[Fit]
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return matrix, bias, and the error of the rate by these, NaN for a saturated gyro."""
+    """Return matrix, bias, and error of the rate that they give, (n, 3), NaN if a gyro is saturated."""
     matrix, bias = np.array([fit.value[:3] for fit in fits]), np.array([fit.value[3] for fit in fits])
-    free = np.where(used.all(axis=1, keepdims=True), output - bias, np.nan)
-    return matrix, bias, np.asarray(np.linalg.solve(matrix, free.T).T - rate)
+    unbiased = np.where(used.all(axis=1, keepdims=True), output - bias, np.nan)
+    return matrix, bias, np.asarray(np.linalg.solve(matrix, unbiased.T).T - rate)
 
 
 def _all_pieces(
     rate: FloatArray, output: FloatArray, used: BoolArray, fits: Sequence[Fit], names: Sequence[str]
 ) -> tuple[Pieces | None, ...]:
-    after = _matrix_errors(rate, output, used, fits)[2]
-    good = used.all(axis=1)  # no gyro is saturated
-    return tuple(_pieces(rate[good, i], after[good, i], name) for i, name in enumerate(names))
+    errors = _matrix_errors(rate, output, used, fits)[2]
+    in_range = used.all(axis=1)  # rows in which no gyro is saturated
+    return tuple(_pieces(rate[in_range, i], errors[in_range, i], name) for i, name in enumerate(names))
 
 
 def _pieces(rate: FloatArray, error: FloatArray, where: str) -> Pieces | None:
     """Fit straight pieces through the mean error at each rate, if significantly better than a straight line.
 
-    The dwells of the other sweeps are all at zero, so the error at rest has most weight.
+    In the sweeps about other axes the rate is zero, so the error at rest has most weight.
     """
-    different, mean, count = _means(rate, error)
-    if different.size < FEWEST_FOR_MAP or np.abs(error).max() < ROUNDING * np.abs(rate).max():
+    distinct, mean, count = _means(rate, error)
+    if distinct.size < FEWEST_FOR_MAP or np.abs(error).max() < ROUNDING * np.abs(rate).max():
         return None
-    found = fit_pieces(different + mean, mean, count)
-    if found.straight:
+    pieces = fit_pieces(distinct + mean, mean, count)
+    if pieces.straight:
         return None
     try:
-        AxisMap(found.knot, found.value)
+        AxisMap(pieces.knot, pieces.value)
     except ConfigError as problem:
         raise InputError("lab.map_not_invertible", where=where, cause=problem) from None
-    return found
+    return pieces
 
 
 def _means(rate: FloatArray, error: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Different rates, the mean error at each, and of how many dwells; rate, error (n,): [rad/s]."""
-    different, which = np.unique(rate, return_inverse=True)
-    count = np.bincount(which).astype(np.float64)
-    return different, np.bincount(which, error) / count, count
+    """Return the distinct rates, the mean error and the number of dwells at each. `rate`, `error` (n,): [rad/s]."""
+    distinct, index = np.unique(rate, return_inverse=True)
+    count = np.bincount(index).astype(np.float64)
+    return distinct, np.bincount(index, error) / count, count

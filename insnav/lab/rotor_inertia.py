@@ -1,4 +1,4 @@
-"""Moment of inertia of a gyroscope's rotor by two methods: a falling weight that spins it up, and precession.
+"""Moment of inertia I of a gyroscope's rotor by two methods: a falling weight that spins it up, and precession.
 
 Falling weight m on a cord round radius r: energy gives ``m g h = (m v^2 + I w^2) / 2`` with ``v = r w``, and constant
 acceleration ``h = v t / 2``, so ``t^2 = 2 h (I + m r^2) / (m g r^2)``. Precession under a weight m at arm R:
@@ -25,21 +25,21 @@ from insnav.lab.calibration import BenchOptions, Calibration, CalibrationSd, Fit
 from insnav.types import FloatArray
 
 FALL, PRECESSION = schema("fall"), schema("precession")
-WORST = 0.1  # largest relative uncertainty of a usable slope
+WORST = 0.1  # largest relative standard deviation of a usable slope
 USUAL = 5  # usual number of measurements
-SLOW = 10.0  # least ratio of spin to precession rate for the formula
+SLOW = 10.0  # least ratio of spin rate to precession rate for which the fast-top formula holds
 
 
 @dataclass(frozen=True, slots=True)
 class Inertia:
     """Moment of inertia by one method."""
 
-    method: str  # in words
-    value: float  # [kg m^2]
-    sd: float
+    method: str  # name of the method in words
+    value: float  # moment of inertia [kg m^2]
+    sd: float  # standard deviation [kg m^2]
     half_width: float  # half its 95 % interval [kg m^2]
-    fit: Fit  # of the slope alone, through the origin
-    x: FloatArray  # (n,) fitted data: height [m] and squared time [s^2], or period [s] and rotor rate [rad/s]
+    fit: Fit  # fit of a line through the origin
+    x: FloatArray  # (n,) fitted data x and y: height [m] and squared time [s^2], or period [s] and rotor rate [rad/s]
     y: FloatArray
     warnings: tuple[Finding, ...]
     powers: Fit | None = None  # exponents of torque and of spin in the precession rate, if both were varied
@@ -47,7 +47,7 @@ class Inertia:
 
 @dataclass(frozen=True, slots=True)
 class Agreement:
-    """Agreement of two results."""
+    """Comparison of two moments of inertia."""
 
     difference: float  # first minus second, and its standard deviation [kg m^2]
     sd: float
@@ -89,23 +89,23 @@ def read(files: Sequence[str | Path | Table], how: BenchOptions) -> tuple[BenchT
 def fit(
     record: tuple[BenchTable, BenchTable], how: BenchOptions
 ) -> Calibration[tuple[BenchTable, BenchTable], Inertias]:
-    """Compute moments of inertia by `inertia_from_fall` and `inertia_from_precession`; no IMU errors."""
+    """Compute the moment of inertia by `inertia_from_fall` and by `inertia_from_precession`, and compare both."""
     falls, turns = record
     time = falls.columns["fall_time" if "fall_time" in falls.columns else "time"]
-    first = inertia_from_fall(falls.columns["height"], time, how.fall_mass, how.radius, how.gravity, where=falls.name)
+    by_fall = inertia_from_fall(falls.columns["height"], time, how.fall_mass, how.radius, how.gravity, where=falls.name)
     mass = turns.columns.get("mass", how.mass)
-    second = inertia_from_precession(
+    by_precession = inertia_from_precession(
         turns.columns["period"], turns.columns["rotor_rate"], mass, how.arm, how.gravity, where=turns.name
     )
-    both, compared = (first, second), agreement(first, second)
+    both, compared = (by_fall, by_precession), agreement(by_fall, by_precession)
     differ = Finding.of(Code.ROTOR_DISAGREE, difference_kg_m2=abs(compared.difference), limit_kg_m2=compared.limit)
-    warnings = (*calibration.about("fall", first.warnings), *calibration.about("precession", second.warnings))
+    warnings = (*calibration.about("fall", by_fall.warnings), *calibration.about("precession", by_precession.warnings))
     parameters = tuple(
-        measured(f"moment of inertia, {each.method}", each.value, "kg m^2", each.sd, each.half_width) for each in both
+        measured(f"moment of inertia, {item.method}", item.value, "kg m^2", item.sd, item.half_width) for item in both
     )
-    fits, found = {each.method: each.fit for each in both}, Inertias(first, second, compared)
+    fits, inertias = {item.method: item.fit for item in both}, Inertias(by_fall, by_precession, compared)
     warnings = warnings if compared.agree else (differ, *warnings)
-    return Calibration("rotor", None, CalibrationSd(), parameters, fits, record, found, how, warnings)
+    return Calibration("rotor", None, CalibrationSd(), parameters, fits, record, inertias, how, warnings)
 
 
 def inertia_from_fall(
@@ -113,23 +113,23 @@ def inertia_from_fall(
 ) -> Inertia:
     """Compute the moment of inertia from a falling weight.
 
-    `height` (n,): heights [m]. `time` (n,): times of fall [s]. `mass`: of the weight [kg]. `radius`: of the drum the
-    cord is wound on [m]; `gravity` [m/s^2].
-    Raises: InputError: values that are not positive, too few, or a fall faster than free.
+    `height` (n,): heights of fall [m]. `time` (n,): times of fall [s]. `mass`: of the weight [kg]. `radius`: of the
+    drum the cord is wound on [m]; `gravity` [m/s^2].
+    Raises: InputError: values that are not positive, too few, or a fall faster than free fall.
     """
     _positive(where, height=height, fall_time=time)
     squared = time**2
     if (squared <= 2.0 * height / gravity).any():
         row = int(np.argmax(squared <= 2.0 * height / gravity))
-        free = math.sqrt(2.0 * height[row] / gravity)
+        free_fall = math.sqrt(2.0 * height[row] / gravity)
         raise InputError(
-            "lab.faster_than_free", where=where, row=row + 1, height_m=height[row], fall_s=time[row], free_s=free
+            "lab.faster_than_free", where=where, row=row + 1, height_m=height[row], fall_s=time[row], free_s=free_fall
         )
     fit = _slope(height, squared, where)
-    lever = 0.5 * mass * gravity * radius**2
-    value = float(fit.value[0]) * lever - mass * radius**2
+    factor = 0.5 * mass * gravity * radius**2
+    value = float(fit.value[0]) * factor - mass * radius**2
     warnings = _suspicions(fit, height, squared, Code.ROTOR_FALL_ORIGIN)
-    sd, half = float(fit.sd[0]) * lever, float(fit.half_width()[0]) * lever
+    sd, half = float(fit.sd[0]) * factor, float(fit.half_width()[0]) * factor
     return Inertia("falling weight", value, sd, half, fit, height, squared, warnings)
 
 
@@ -140,8 +140,8 @@ def inertia_from_precession(
 
     `period` (n,): precession periods [s]. `rate` (n,): rates of the rotor [rad/s]. `mass`: of the added weight [kg],
     one or (n,). `arm`: its distance from the support [m]. `gravity` [m/s^2]. With several weights, periods are
-    converted to their mean, as the period is inverse to the torque.
-    Raises: InputError: values that are not positive, too few, or a rotor that is not fast.
+    converted to the mean weight, since the period is inversely proportional to the torque.
+    Raises: InputError: values that are not positive, too few, or a rotor too slow for the formula.
     """
     weights = np.broadcast_to(mass, period.shape)
     _positive(where, precession_period=period, rotor_rate=rate, mass=weights)
@@ -166,7 +166,7 @@ def inertia_from_precession(
 
 
 def _powers(period: FloatArray, rate: FloatArray, mass: FloatArray) -> Fit | None:
-    """Fit the exponents of torque and of spin in the precession rate, in theory 1 and -1; None if one is constant."""
+    """Fit the exponents of torque and of spin in the precession rate, ideally 1 and -1; None if one is constant."""
     if min(np.unique(mass).size, np.unique(rate).size) < 2 or period.size < 5:
         return None
     design = np.column_stack((np.ones_like(period), np.log(mass), np.log(rate)))
@@ -174,7 +174,7 @@ def _powers(period: FloatArray, rate: FloatArray, mass: FloatArray) -> Fit | Non
 
 
 def agreement(first: Inertia, second: Inertia) -> Agreement:
-    """Compare two moments of inertia.
+    """Compare two moments of inertia: difference, its 95 % limit, and weighted mean.
 
     Welch-Satterthwaite gives the degrees of freedom of their difference: ISO/IEC Guide 98-3 (2008), eq. G.2b.
     """
@@ -201,9 +201,9 @@ def _suspicions(fit: Fit, x: FloatArray, y: FloatArray, missed: Code) -> tuple[F
     """Report a line that misses the origin, few points, or an outlier."""
     warnings: list[Finding] = []
     if x.size > 3:
-        free = calibration.linear_fit(np.column_stack((np.ones_like(x), x)), y, ("intercept", "slope"))
-        if abs(free.value[0]) > free.half_width(0.99)[0]:
-            warnings.append(Finding.of(missed, intercept_sigma=abs(free.value[0]) / free.sd[0]))
+        affine = calibration.linear_fit(np.column_stack((np.ones_like(x), x)), y, ("intercept", "slope"))
+        if abs(affine.value[0]) > affine.half_width(0.99)[0]:
+            warnings.append(Finding.of(missed, intercept_sigma=abs(affine.value[0]) / affine.sd[0]))
     warnings += calibration.few("measurements", x.size, USUAL)
     return (*warnings, *(calibration.outlier(fit, row) for row in calibration.outliers(fit, x[:, None])))
 

@@ -25,19 +25,18 @@ _PACKAGES = ("numpy", "scipy", "numba", "filterpy", "pandas", "pymap3d")
 _CPUINFO = Path("/proc/cpuinfo")
 BASELINE_FILE = "baseline.json"
 FORMAT = 1
-_DIGITS = 5  # of stored values: a relative rounding of 1e-5, far below any relevant change
+_DIGITS = 5  # significant digits of stored values: their rounding, 1e-5 at most, is far below any relevant change
 
 
 @dataclass(frozen=True, slots=True)
 class Origin:
-    """Origin of stored figures."""
+    """Origin of stored accuracy figures: software, time and computer."""
 
-    # of insnav. Commit, with a plus sign for modified files. UTC, to the minute
-    version: str
-    commit: str
-    date: str
+    version: str  # version of insnav
+    commit: str  # abbreviated git commit; a plus sign at its end means uncommitted changes
+    date: str  # time of the run in UTC, to the minute
     packages: dict[str, str]  # versions of Python and of relevant packages
-    computer: str  # number of processors, and their model
+    computer: str  # number and model of its processors
 
 
 def origin(folder: Path) -> Origin:
@@ -48,8 +47,8 @@ def origin(folder: Path) -> Origin:
             packages[name] = metadata.version(name)
         except metadata.PackageNotFoundError:
             packages[name] = ""
-    commit = _git(folder, "rev-parse", "--short=10", "HEAD")  # empty without one
-    # the reports themselves change with every run
+    commit = _git(folder, "rev-parse", "--short=10", "HEAD")  # no commit outside a git repository
+    # only code and drives count as changes, because every run rewrites the reports
     changed = _git(folder, "status", "--porcelain", "--untracked-files=no", "--", ":/insnav", ":/trajectories")
     commit += "+" if commit and changed else ""
     date = datetime.now(UTC).strftime("%Y-%m-%dT%H:%MZ")
@@ -67,31 +66,31 @@ def computer() -> str:
 
 def _git(folder: Path, *arguments: str) -> str:
     try:
-        done = subprocess.run(
+        result = subprocess.run(
             ["git", "-C", str(folder), *arguments], capture_output=True, text=True, timeout=20.0, check=False
         )
     except (OSError, subprocess.TimeoutExpired):
         return ""
-    return done.stdout.strip() if done.returncode == 0 else ""
+    return result.stdout.strip() if result.returncode == 0 else ""
 
 
 @dataclass(frozen=True, slots=True)
 class Baseline:
-    """Stored cases, and the origin of their figures."""
+    """Stored accuracy of every case, and the origin of these figures."""
 
     origin: Origin
-    cases: dict[str, CaseResult]  # without spreads, errors and file digests
+    cases: dict[str, CaseResult]  # by name; without `Measured.spread`, error messages and file digests
 
 
 def renewed(old: Baseline | None, result: Accuracy, origin: Origin) -> Baseline:
-    """Build a baseline from a result; skipped cases keep their old figures."""
-    kept = {} if old is None else {name: case for name, case in old.cases.items() if name in result.skipped}
-    made = {name: case for name, case in result.cases.items() if case.measured.values}
-    return Baseline(origin, kept | made)
+    """Build a new baseline from a result; cases that were skipped keep their figures of the old baseline."""
+    old_cases = {} if old is None else {name: case for name, case in old.cases.items() if name in result.skipped}
+    new_cases = {name: case for name, case in result.cases.items() if case.measured.values}
+    return Baseline(origin, old_cases | new_cases)
 
 
 def read_baseline(path: Path) -> Baseline | None:
-    """Read a baseline. Raises: InputError: the file is damaged, or of another format."""
+    """Read a baseline; None if the file does not exist. Raises: InputError: a damaged file, or another format."""
     text = kept_text("regress.unreadable_baseline", path)
     if text is None:
         return None
@@ -108,7 +107,7 @@ def read_baseline(path: Path) -> Baseline | None:
 
 
 def kept_text(code: str, path: Path) -> str | None:
-    """Read a file of earlier versions; None if there is none yet. Raises: InputError: the file cannot be read."""
+    """Read a text file; None if it does not exist. Raises: InputError with this code: the file cannot be read."""
     try:
         return path.read_text(encoding="utf-8")
     except FileNotFoundError:
@@ -118,7 +117,7 @@ def kept_text(code: str, path: Path) -> str | None:
 
 
 def write_baseline(path: Path, baseline: Baseline) -> None:
-    """Write a baseline, one metric per line, for readable differences.
+    """Write a baseline with one metric per line, so that line-by-line comparisons of two files are readable.
 
     Raises: OutputError: the file cannot be written.
     """
@@ -136,14 +135,14 @@ def write_baseline(path: Path, baseline: Baseline) -> None:
 
 
 def short(value: FloatArray, digits: int = _DIGITS) -> Any:
-    """Round figures for storage; None if unknown."""
+    """Round an array to significant digits, as nested lists for JSON; NaN becomes None."""
     if value.ndim:
-        return [short(each, digits) for each in value]
+        return [short(row, digits) for row in value]
     return float(f"{value:.{digits}g}") if np.isfinite(value) else None
 
 
 def _case(content: Mapping[str, Any]) -> CaseResult:
-    # unknown values are null in the file, NaN in numpy
+    # null in the file becomes NaN in the array: an unknown value
     values = {key: np.array([*value], dtype=np.float64) for key, value in content["values"].items() if key in BY_KEY}
     measured = replace(NOTHING, values=values, growth=np.array(content["growth"], dtype=np.float64))
     return CaseResult(content["digest"], content["pieces"], measured, dict.fromkeys(content["failed"]), {})

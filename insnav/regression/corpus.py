@@ -1,6 +1,6 @@
-"""Corpus file (``corpus.toml``): the drives of the accuracy evaluation, with samples, fixes and references.
+"""Corpus file (``corpus.toml``): drives for the accuracy evaluation, each with IMU samples, fixes and reference.
 
-[[simulated]]                 # a motion profile with sensors sampled from the models, once a seed
+[[simulated]]                 # a motion profile; each seed samples other sensor errors
 
 name = "city"
 profile = "city"              # name in the library next to the file, or a file
@@ -10,9 +10,9 @@ gps = "single"                # preset or file
 lever_arm = ["0.8 m", "-0.3 m", "-1.2 m"]
 fault = ["gps-outage@220s+60s"]
 seeds = 16
-quick = 6                     # of these in a quick run
+quick = 6                     # number of seeds in a quick run
 
-[[recorded]]                  # a drive in the folder of recorded data; skipped where that is absent
+[[recorded]]                  # a drive in the folder of recorded data; skipped if the folder is absent
 name = "tokyo"
 data = "ixr_tsukishima_20210412"
 reference = "ref.csv"
@@ -49,25 +49,25 @@ from insnav.types import FloatArray, GpsData, ImuData, Trajectory
 
 Group = Literal["position", "velocity", "attitude", "heading"]
 GROUPS: tuple[Group, ...] = ("position", "velocity", "attitude", "heading")
-AT_REST = "at rest"  # IMU model by the noise at rest
+AT_REST = "at rest"  # value of `Case.imu`: identify the IMU from its noise while stationary
 CORPUS_FILE = "corpus.toml"
-_EXACT_SD = 1e-3  # of error-free generated fixes [m], [m/s]
-_EXACT_RATE = 1.0  # of generated fixes [Hz]
-_NOISE_STREAM = 7
-_MOTION_SEED = 1  # of the vibration
+_EXACT_SD = 1e-3  # standard deviation that error-free generated fixes report [m], [m/s]
+_EXACT_RATE = 1.0  # rate of error-free fixes from a simulated truth [Hz]
+_NOISE_STREAM = 7  # random stream of the noise of generated fixes
+_MOTION_SEED = 1  # seed of the simulated vibration
 _STEP = 1.0  # interval to which a sparse reference is interpolated [s]
 
 
 class Case(Table):
     """Common fields of simulated and recorded drives."""
 
-    name: str  # label of its results
-    imu: str  # preset or file; ``at rest`` for the preset nearest to the noise at rest
-    # antenna seen from the IMU, body axes [m]
+    name: str  # label of the results
+    imu: str  # IMU preset or file; ``at rest``: identify the IMU from its noise while stationary
+    # position of the antenna relative to the IMU, body axes [m]
     lever_arm: Annotated[Axes, axes("length", signed=True)] = (0.0, 0.0, 0.0)
     settle: Annotated[float, scalar("time")] = 60.0  # errors count from this time after the first fix [s]
-    seeds: Annotated[int, Field(ge=1, le=1000)] = 16  # repetitions with other noise
-    # repetitions in a quick run; 0 excludes the case
+    seeds: Annotated[int, Field(ge=1, le=1000)] = 16  # number of runs, each with different noise
+    # number of runs in a quick evaluation; 0 excludes the case
     quick: Annotated[int, Field(ge=0, le=1000)] = 0
     _folder: Path = PrivateAttr(default=Path())
 
@@ -82,35 +82,35 @@ class Case(Table):
 
 
 class SimulatedCase(Case):
-    """Motion profile with randomly sampled sensors."""
+    """Simulated drive: a motion profile with randomly sampled sensor errors."""
 
-    profile: str  # name in the folder of the corpus file
-    gps: str  # receiver: preset or file
-    rate: Annotated[float, scalar("frequency")] = 100.0  # of the IMU [Hz]
+    profile: str  # motion profile: name in the folder of the corpus file, or a file
+    gps: str  # GPS receiver: preset or file
+    rate: Annotated[float, scalar("frequency")] = 100.0  # sampling rate of the IMU [Hz]
     fault: list[str] = Field(default_factory=list)  # faults, as for ``insnav simulate --fault``
 
 
 class MadeFixes(Table):
     """Fixes generated from the reference, with noise."""
 
-    sd: Annotated[float, scalar("length")]  # white noise on each axis [m]
-    interval: Annotated[float, scalar("time")] = 1.0  # between fixes [s]
+    sd: Annotated[float, scalar("length")]  # standard deviation of the white noise on each axis [m]
+    interval: Annotated[float, scalar("time")] = 1.0  # time between fixes [s]
 
 
 class RecordedCase(Case):
     """Recorded drive."""
 
-    data: str  # name of its folder
-    # in the folder
+    data: str  # name of its folder in the data folder
+    # IMU file and GPS file in this folder
     imu_file: str = "imu.csv.gz"
     gps_file: str = "gps.csv"
-    fixes: MadeFixes | None = None  # generate the fixes from the reference instead
-    reference: str = ""  # reference file, at the antenna; without it the unused fixes
-    # use every n-th fix only, and the others as a position reference: for receivers better than the rest of the system
+    fixes: MadeFixes | None = None  # generate the fixes from the reference instead of reading `gps_file`
+    reference: str = ""  # trajectory file of the antenna; empty: the fixes not used are the reference
+    # navigate with every n-th fix only; the other fixes are the position reference, for a very accurate receiver
     use_every: Annotated[int, Field(ge=1, le=100)] = 1
-    judge: list[Group] = Field(default_factory=lambda: list(GROUPS))  # quantities of sufficient accuracy
-    min_speed: Annotated[float, scalar("velocity")] = 0.0  # slower epochs of the reference are ignored [m/s]
-    # ignore a constant position difference: reference and fixes use different base stations
+    judge: list[Group] = Field(default_factory=lambda: list(GROUPS))  # quantities with an accurate reference
+    min_speed: Annotated[float, scalar("velocity")] = 0.0  # reference epochs below this speed do not count [m/s]
+    # remove a constant position difference, as from different base stations of reference and fixes
     remove_offset: bool = False
     # rotation vector from reference axes to IMU axes, body axes [rad]
     mounting: Annotated[Axes, axes("angle", signed=True)] = (0.0, 0.0, 0.0)
@@ -127,37 +127,36 @@ class RecordedCase(Case):
 
 
 class Corpus(Table):
-    """All drives."""
+    """Content of a corpus file: all cases."""
 
-    # the cases
     simulated: list[SimulatedCase] = Field(default_factory=list)
     recorded: list[RecordedCase] = Field(default_factory=list)
 
     @property
     def cases(self) -> list[SimulatedCase | RecordedCase]:
-        """All cases, in order."""
+        """All cases, simulated ones first, in the order of the file."""
         return [*self.simulated, *self.recorded]
 
 
 def load_corpus(path: Path) -> Corpus:
     """Read a corpus file.
 
-    Raises: ConfigError: no such file, invalid TOML, wrong keys, two cases of one name, all at once.
+    Raises: ConfigError: no such file, invalid TOML, no case, two cases with one name, or wrong keys (all at once).
     """
     corpus = validate(Corpus, read_toml(path), str(path))
     names = [case.name for case in corpus.cases]
     if not names:
         raise ConfigError("regress.no_cases", where=str(path))
-    twice = sorted({name for name in names if names.count(name) > 1})
-    if twice:
-        refuse([ConfigError("regress.same_name", where=name) for name in twice], str(path))
+    duplicates = sorted({name for name in names if names.count(name) > 1})
+    if duplicates:
+        refuse([ConfigError("regress.same_name", where=name) for name in duplicates], str(path))
     for case in corpus.cases:
         case._folder = path.resolve().parent
     return corpus
 
 
 def default_corpus() -> Path:
-    """Find the corpus file of the library of profiles. Raises: ConfigError: the file is not present."""
+    """Find the corpus file next to the library of motion profiles. Raises: ConfigError: the file is absent."""
     from insnav.library import library
 
     profiles = library()
@@ -168,9 +167,9 @@ def default_corpus() -> Path:
 
 
 def digest(case: Case, parts: Mapping[str, str]) -> str:
-    """Compute a short digest of a case and its files: figures of other cases are not comparable.
+    """Compute a short digest of a case and its files: figures are comparable only if their digests are equal.
 
-    `parts`: text or digest of the files.
+    `parts`: by name of each file, its text or digest.
     """
     content: dict[str, Any] = case.model_dump(exclude={"seeds", "quick"}, warnings=False)
     text = "\n".join(f"{key}={value!r}" for key, value in sorted({**content, **parts}.items()))
@@ -179,27 +178,27 @@ def digest(case: Case, parts: Mapping[str, str]) -> str:
 
 @dataclass(frozen=True, slots=True)
 class Material:
-    """Recording for navigation, and its reference."""
+    """One recording to navigate, its reference, and how to evaluate the errors."""
 
-    # input of the navigation
+    # input of the filter
     imu: ImuData
     gps: GpsData
     spec: ImuSpec  # IMU specification for the filter
     receiver: Receiver
-    truth: Trajectory  # the reference
-    truth_lever_b: FloatArray  # (3,) the point of the truth seen from the IMU, body axes [m]
-    exact: GpsData | None  # better antenna positions as outage reference; None for the fixes
+    truth: Trajectory  # reference trajectory
+    truth_lever_b: FloatArray  # (3,) position of its reference point relative to the IMU, body axes [m]
+    exact: GpsData | None  # accurate antenna positions as reference of outages; None: the fixes
     groups: frozenset[str] = frozenset(GROUPS)  # quantities for which the reference is accurate enough
-    whole_state: bool = False  # the reference has position, velocity and attitude in the IMU axes
+    whole_state: bool = False  # True: the reference has position, velocity and attitude in the IMU axes
     settle: float = 0.0  # errors count from this time after the first fix [s]
-    min_speed: float = 0.0  # slower epochs of the truth are ignored [m/s]
-    remove_offset: bool = False  # ignore a constant position difference
+    min_speed: float = 0.0  # reference epochs below this speed do not count [m/s]
+    remove_offset: bool = False  # remove a constant position difference
     block: float = 0.0  # length of the evaluated pieces [s]; zero for a single piece
-    gates: Gates = field(default_factory=Gates)  # of the filter
+    gates: Gates = field(default_factory=Gates)  # innovation gates of the filter
 
 
 class SimulatedSource:
-    """Recordings of a motion profile."""
+    """Source of the simulated recordings of a case."""
 
     def __init__(self, case: SimulatedCase) -> None:
         self._case = case
@@ -219,14 +218,14 @@ class SimulatedSource:
         self.digest = digest(case, {"profile": profile.text, "imu": to_toml(self._spec), "gps": gps_to_toml(self._gps)})
 
     def material(self, seed: int) -> Material:
-        """Simulate the recording of one seed."""
-        made = simulate_recording(self._truth, self._spec, self._gps, seed, faults=self._faults, perfect=self._perfect)
+        """Simulate the recording with the sensor errors of one seed."""
+        drive = simulate_recording(self._truth, self._spec, self._gps, seed, faults=self._faults, perfect=self._perfect)
         return Material(
-            made.imu,
-            made.gps,
+            drive.imu,
+            drive.gps,
             self._spec,
             self._receiver,
-            made.reference,
+            drive.reference,
             np.zeros(3),
             self._exact,
             whole_state=True,
@@ -235,7 +234,7 @@ class SimulatedSource:
 
 
 class RecordedSource:
-    """Recorded drive of a case. Raises: InputError: a file is missing or cannot be used."""
+    """Source of the recorded drive of a case. Raises: InputError: a file is missing or cannot be used."""
 
     def __init__(self, case: RecordedCase, data: Path) -> None:
         self._case = case
@@ -255,25 +254,26 @@ class RecordedSource:
             assert reference is not None
             gps = exact = _fixes_on(reference.data, case.fixes.interval)
         if reference is not None:
-            good = np.ones(len(reference.data.time), dtype=np.bool_) if reference.fix is None else reference.fix == 1
-            truth = reference.data.rows(good)
+            valid = np.ones(len(reference.data.time), dtype=np.bool_) if reference.fix is None else reference.fix == 1
+            truth = reference.data.rows(valid)
             if len(truth.time) > 1 and np.median(np.diff(truth.time)) > _STEP:
                 truth = _filled(truth, _STEP)
             if reference.fix is not None:
                 exact = _as_fixes(truth)
         else:
-            good = np.ones(len(gps.time), dtype=np.bool_) if gps.fix is None else gps.fix == 1
-            exact = gps.rows(good)
+            valid = np.ones(len(gps.time), dtype=np.bool_) if gps.fix is None else gps.fix == 1
+            exact = gps.rows(valid)
+            # no reference file: fixes that the filter does not use are the reference
             used = np.arange(len(gps.time)) % case.use_every == 0
-            left = gps.rows(good & ~used)
-            if not len(left.time):
+            unused = gps.rows(valid & ~used)
+            if not len(unused.time):
                 raise InputError("regress.no_reference_fix", where=case.name)
-            truth = Trajectory(left.time, left.lla, left.v_n, np.full_like(left.lla, np.nan))
+            truth = Trajectory(unused.time, unused.lla, unused.v_n, np.full_like(unused.lla, np.nan))
             gps = gps.rows(used)
         self._gps, self._exact = gps, exact
         if any(case.mounting):
-            turned = quat_multiply(quat_from_rph(truth.rph), quat_from_rotvec(np.array(case.mounting)))
-            truth = replace(truth, rph=rph_from_quat(turned))
+            attitude = quat_multiply(quat_from_rph(truth.rph), quat_from_rotvec(np.array(case.mounting)))
+            truth = replace(truth, rph=rph_from_quat(attitude))
         self._truth = truth
         self._spec = self._model()
         self.digest = digest(case, {**self.files, "imu": "" if case.imu == AT_REST else to_toml(self._spec)})
@@ -281,13 +281,13 @@ class RecordedSource:
     def _model(self) -> ImuSpec:
         if self._case.imu != AT_REST:
             return load_imu(self._case.model(self._case.imu))
-        rest = first_stationary(self._imu, with_sd(self._gps)[0])
-        if rest is None:
+        stationary = first_stationary(self._imu, with_sd(self._gps)[0])
+        if stationary is None:
             raise InputError("regress.never_stationary", where=self._case.name)
-        return identify(self._imu, *rest)[0]
+        return identify(self._imu, *stationary)[0]
 
     def material(self, seed: int) -> Material:
-        """Generate the fixes of one seed, if the case requires it."""
+        """Return the recording; if the case has generated fixes, they have the noise of this seed."""
         case, gps = self._case, self._gps
         if case.fixes is not None:
             noise = case.fixes.sd * np.random.default_rng((seed, _NOISE_STREAM)).standard_normal(gps.lla.shape)
@@ -310,7 +310,7 @@ class RecordedSource:
         )
 
 
-Source = SimulatedSource | RecordedSource  # each has digests of all inputs that determine its recordings
+Source = SimulatedSource | RecordedSource  # both have `digest`, of all inputs that determine their recordings
 
 
 def source_of(case: SimulatedCase | RecordedCase, data: Path) -> Source:
@@ -319,7 +319,7 @@ def source_of(case: SimulatedCase | RecordedCase, data: Path) -> Source:
 
 
 def _filled(truth: Trajectory, step: float) -> Trajectory:
-    """Interpolate a sparse reference, such as of a stationary vehicle, linearly."""
+    """Interpolate a sparse reference, such as of a stationary vehicle, to every `step` [s]; attitude becomes NaN."""
     time = np.arange(truth.time[0], truth.time[-1], step)
 
     def on(values: FloatArray) -> FloatArray:
@@ -329,7 +329,7 @@ def _filled(truth: Trajectory, step: float) -> Trajectory:
 
 
 def _fixes_on(reference: Trajectory, interval: float) -> GpsData:
-    """Generate error-free fixes from a reference, every `interval`."""
+    """Generate error-free fixes from a reference, every `interval` [s]."""
     if np.median(np.diff(reference.time)) > interval:
         reference = _filled(reference, interval)
     step = max(1, round(interval / float(np.median(np.diff(reference.time)))))

@@ -1,6 +1,6 @@
-"""Accuracy of corpus recordings against references: with all fixes, in outages, free-inertial; its figures of merit.
+"""Accuracy of corpus recordings against their references: with all fixes, in GPS outages, and free-inertial.
 
-A figure of merit has a name, a unit, and a criterion for equality.
+`METRICS` lists the figures of merit, with name, unit, and the difference below which two values count as equal.
 """
 
 from __future__ import annotations
@@ -30,44 +30,44 @@ from insnav.types import BoolArray, FloatArray, Run, Trajectory
 from insnav.units import DEG
 
 Kind = Literal["size", "ratio", "cpu"]
-FAILS_FROM = 0.05  # relative worsening that fails, if significant; for most figures
-CAUTION = 0.5  # weight of a too large standard deviation against a too small one
-LIKELY = 1e-3  # floor of innovation likelihoods: a thousandth of a standard deviation in the logarithm
-SLICES = 8  # parts of a recording for comparing predicted and actual error
-_SHORTEST = 0.2  # a last piece with a smaller share of the usual length joins the previous one
-_FAR = 7.0  # NIS / 3 at the end of the gate
+FAILS_FROM = 0.05  # default of `Metric.fails_from`
+CAUTION = 0.5  # weight of under-confidence (sd too large) relative to over-confidence
+LIKELY = 1e-3  # `Metric.fails_from` of innovation metrics: a thousandth of the innovation size
+SLICES = 8  # equal parts of a recording in which predicted and actual errors are compared
+_SHORTEST = 0.2  # a remainder at the end, shorter than this share of a piece, joins the last piece
+_FAR = 7.0  # upper limit of NIS / 3 of one fix, about the limit of the filter's gate
 _LOOP = 400  # iterations of the calibration loop
-GROWTH = (5.0, 10.0, 20.0, 30.0, 45.0, 60.0)  # times without GPS of the stored errors [s]
-_WINDOWS = 20  # at most, per recording
-_NEAR = 1.5  # largest distance of a fix from these times [s]
+GROWTH = (5.0, 10.0, 20.0, 30.0, 45.0, 60.0)  # times since the start of an outage at which errors are stored [s]
+_WINDOWS = 20  # largest number of outage windows, and of free-inertial windows, per recording
+_NEAR = 1.5  # largest difference between an epoch of an outage and a time of `GROWTH` [s]
 AnyCase = SimulatedCase | RecordedCase
-SERIES = 8  # master seed
-_made: dict[str, Source] = {}  # source of the current case in this process
+SERIES = 8  # master seed of all runs
+_made: dict[str, Source] = {}  # cache in each process: only the source of the current case
 
 
 @dataclass(frozen=True, slots=True)
 class Metric:
-    """Figure of merit."""
+    """Figure of merit: name, unit, and rules to compare two values."""
 
     key: str  # key in files, including the unit
-    label: str  # its name in words
+    label: str  # name in words
     unit: str
-    # added to every value before ratios are taken [`unit`]: smaller values count as equal, so that rounding on another
-    # computer is no change
+    # [`unit`] added to both values before their ratio is taken. Differences far below the floor, such as rounding on
+    # another computer, thus hardly change the ratio
     floor: float
-    kind: Kind = "size"  # a size is better if smaller, a ratio if nearer to one; CPU time has a separate rule
-    fails_from: float = FAILS_FROM
+    kind: Kind = "size"  # size: smaller is better; ratio: nearer to one is better; cpu: a separate rule
+    fails_from: float = FAILS_FROM  # smallest relative worsening that fails, if significant
 
     def logarithm(self, value: FloatArray) -> FloatArray:
-        """Compute the logarithm for comparison by drive, floor added, (n,)."""
+        """Compute the logarithm of values (n,), after adding `floor`: versions are compared by these logarithms."""
         if self.kind == "ratio":
             return np.log(np.maximum(value, 1e-6))
         return np.log(value + self.floor)
 
     def badness(self, logarithm: float) -> float:
-        """Convert a mean logarithm to badness, smaller is better: for a ratio its distance from one.
+        """Convert a mean logarithm to a badness, of which smaller is better: for a ratio its distance from one.
 
-        A too large ratio is over-confidence and counts fully; a too small ratio is caution and counts half.
+        A ratio above one means over-confidence and counts fully. A ratio below one means caution and counts half.
         """
         if self.kind != "ratio":
             return logarithm
@@ -85,8 +85,8 @@ class Metric:
 
 
 STATISTICS = (("rms", "RMS"), ("p95", "95 %"), ("max", "max"))
-OUTAGES = (30.0, 60.0)  # [s]
-FREE = 60.0  # [s]
+OUTAGES = (30.0, 60.0)  # outage times of the outage metrics [s]
+FREE = 60.0  # length of free-inertial windows [s]
 
 
 def _sizes(name: str, words: str, suffix: str, unit: str, floor: float) -> tuple[Metric, ...]:
@@ -122,41 +122,41 @@ BY_KEY = {metric.key: metric for metric in METRICS}
 class Measured:
     """Accuracy of one recording."""
 
-    values: dict[str, FloatArray]  # (n,) by metric: one value per recording, or per piece
-    # (6, 3) at each of `GROWTH` the number of windows, the sum of squared horizontal errors [m^2], and the sum of
-    # predicted variances [m^2]
+    values: dict[str, FloatArray]  # (n,) by `Metric.key`: one value per recording, or per piece of it
+    # (6, 3) a row for each time of `GROWTH`: number of outage windows, sum of squared horizontal errors [m^2], and sum
+    # of predicted variances [m^2]
     growth: FloatArray
-    # (8, 9, 2) mean squared error and mean stated variance per slice, NaN if unknown. Columns: N, E, D position [m],
-    # N, E, D velocity [m/s], roll, pitch, heading [deg]
+    # (8, 9, 2) by slice of the recording and component: mean squared error, mean predicted variance; NaN if unknown.
+    # Components: N, E, D position [m], N, E, D velocity [m/s], roll, pitch, heading [deg]
     spread: FloatArray
 
 
-NOTHING = Measured({}, np.zeros((len(GROWTH), 3)), np.full((SLICES, 9, 2), np.nan))  # of a failed drive
+NOTHING = Measured({}, np.zeros((len(GROWTH), 3)), np.full((SLICES, 9, 2), np.nan))  # result of a failed drive
 
 
 def measure(material: Material) -> Measured:
-    """Navigate a recording in every way and summarise the errors.
+    """Navigate a recording with all fixes, in GPS outages and free-inertial, and summarise the errors.
 
-    Returns: metrics, except those unavailable for lack of a reference or of time.
+    Returns: metrics, without metrics that need a better reference or a longer recording.
     Raises: InsnavError: the recording cannot be navigated.
     """
     loop = loop_time()
-    begin = clock.process_time()
-    done = navigate_recording(material.imu, material.gps, material.spec, material.receiver, gates=material.gates)
-    cpu = clock.process_time() - begin
+    cpu_begin = clock.process_time()
+    navigated = navigate_recording(material.imu, material.gps, material.spec, material.receiver, gates=material.gates)
+    cpu = clock.process_time() - cpu_begin
     values = {"cpu_ratio": np.array([cpu / len(material.imu.time) / loop])}
-    time = settled(done.run.solution, material)
+    time = settled(navigated.run.solution, material)
     spread = np.full((SLICES, 9, 2), np.nan)
     if len(time):
-        errors = errors_of(done.run.solution, time, material)
+        errors = errors_of(navigated.run.solution, time, material)
         edges = _edges(time, material.block)
         values |= _accuracy(errors, edges)
         spread = _spread(errors)
-        if done.run.smoothed is not None:
-            values |= _smoothed(errors_of(done.run.smoothed.solution, time, material), edges)
-        values |= _fixes(done.run, edges)
+        if navigated.run.smoothed is not None:
+            values |= _smoothed(errors_of(navigated.run.smoothed.solution, time, material), edges)
+        values |= _fixes(navigated.run, edges)
     windows, growth = _outages(material)
-    values |= windows | _free_inertial(done, material)
+    values |= windows | _free_inertial(navigated, material)
     order = [metric.key for metric in METRICS if metric.key in values and np.isfinite(values[metric.key]).any()]
     return Measured({key: values[key] for key in order}, growth, spread)
 
@@ -179,29 +179,29 @@ def loop_time() -> float:
 
 
 def settled(solution: Trajectory, material: Material) -> FloatArray:
-    """Return the evaluated times of the reference."""
+    """Return the times of the reference at which errors count, (n,) [s]: after the settling time."""
     begin = max(solution.time[0], material.gps.time[0]) + material.settle
     time = material.truth.time
     return np.asarray(time[(time >= begin) & (time <= solution.time[-1])])
 
 
 def errors_of(solution: Trajectory, time: FloatArray, material: Material) -> TrajectoryErrors:
-    """Compute errors at the evaluated times; NaN in quantities beyond the reference's accuracy."""
+    """Compute errors at these reference times; NaN below `min_speed`, and where the reference is too inaccurate."""
     first, last = np.searchsorted(material.truth.time, [time[0], time[-1] + 1e-9])
-    part = material.truth.rows(slice(first, last))
+    reference = material.truth.rows(slice(first, last))
     lever_b = material.truth_lever_b if material.truth_lever_b.any() else None
-    errors = position_errors(solution, part, lever_b=lever_b)
+    errors = position_errors(solution, reference, lever_b=lever_b)
     position, velocity, attitude = errors.position.copy(), errors.velocity.copy(), errors.attitude.copy()
     if material.remove_offset:
         position -= np.median(position, axis=0)
     groups = {"position": position, "velocity": velocity, "attitude": attitude[:, :2], "heading": attitude[:, 2]}
-    for name, each in groups.items():
-        each[(errors.speed < material.min_speed) | (name not in material.groups)] = np.nan
+    for name, error in groups.items():  # in place: these arrays are views of position, velocity and attitude
+        error[(errors.speed < material.min_speed) | (name not in material.groups)] = np.nan
     return replace(errors, position=position, velocity=velocity, attitude=attitude)
 
 
 def _edges(time: FloatArray, block: float) -> FloatArray:
-    """Return the borders of the pieces: of the whole, or of blocks of one length."""
+    """Return the borders of pieces of length `block` [s], or begin and end if `block` is zero."""
     if block <= 0.0:
         return np.array([time[0], time[-1] + 1e-6])
     count = max(1, int((time[-1] - time[0]) / block + 1.0 - _SHORTEST))
@@ -224,17 +224,17 @@ def _accuracy(errors: TrajectoryErrors, edges: FloatArray) -> dict[str, FloatArr
         "roll_pitch_{}_deg": np.linalg.norm(errors.attitude[:, :2], axis=1) / DEG,
         "heading_{}_deg": errors.attitude[:, 2] / DEG,
     }
-    found = {}
+    metrics = {}
     for name, error in sizes.items():
-        found[name.format("rms")] = np.array([rms(error[rows]) for rows in pieces])
+        metrics[name.format("rms")] = np.array([rms(error[rows]) for rows in pieces])
         for key, percent in (("p95", 95.0), ("max", 100.0)):
-            found[name.format(key)] = np.array([_quantile(error[rows], percent) for rows in pieces])
-    found["cep50_m"] = np.array([_quantile(errors.horizontal[rows], 50.0) for rows in pieces])
-    sums = [nees(errors.rows(rows)) for rows in pieces]
+            metrics[name.format(key)] = np.array([_quantile(error[rows], percent) for rows in pieces])
+    metrics["cep50_m"] = np.array([_quantile(errors.horizontal[rows], 50.0) for rows in pieces])
+    piece_nees = [nees(errors.rows(rows)) for rows in pieces]
     for group in ("position", "velocity", "attitude"):
-        parts = [None if each is None else each[group] for each in sums]
-        found[f"nees_{group}"] = np.array([np.nan if part is None else part["nees"] for part in parts])
-    return found
+        parts = [None if piece is None else piece[group] for piece in piece_nees]
+        metrics[f"nees_{group}"] = np.array([np.nan if part is None else part["nees"] for part in parts])
+    return metrics
 
 
 def _smoothed(errors: TrajectoryErrors, edges: FloatArray) -> dict[str, FloatArray]:
@@ -246,53 +246,53 @@ def _smoothed(errors: TrajectoryErrors, edges: FloatArray) -> dict[str, FloatArr
 
 
 def _fixes(run: Run, edges: FloatArray) -> dict[str, FloatArray]:
-    """Compute innovation and rejection statistics of the fixes."""
+    """Compute metrics of the innovations and the number of rejected fixes, per piece."""
     processed = run.innovations
-    found: dict[str, FloatArray] = {}
+    metrics: dict[str, FloatArray] = {}
     pieces = _pieces(processed.time, edges)
     rejected = np.zeros(len(pieces))
     for group, unit, columns in (("position", "m", slice(0, 3)), ("velocity", "m_s", slice(3, 6))):
         nis, used = getattr(processed, f"nis_{group}"), getattr(processed, f"used_{group}")
         known = np.isfinite(nis)
-        size = _likely_size(processed.innovation[:, columns], processed.sd[:, columns])
-        found[f"innovation_{group}_{unit}"] = np.array(
-            [math.exp(_mean(size[rows & np.isfinite(size)])) for rows in pieces]
+        score = _likely_size(processed.innovation[:, columns], processed.sd[:, columns])
+        metrics[f"innovation_{group}_{unit}"] = np.array(
+            [math.exp(_mean(score[rows & np.isfinite(score)])) for rows in pieces]
         )
-        found[f"nis_{group}"] = np.array([_mean(nis[rows & used & known]) / 3.0 for rows in pieces])
+        metrics[f"nis_{group}"] = np.array([_mean(nis[rows & used & known]) / 3.0 for rows in pieces])
         rejected += [np.count_nonzero(rows & known & ~used) for rows in pieces]
-    found["rejected_fixes"] = rejected
-    return found
+    metrics["rejected_fixes"] = rejected
+    return metrics
 
 
 def _likely_size(innovation: FloatArray, sd: FloatArray) -> FloatArray:
-    """Compute the log size of the innovations by likelihood, per fix and component, (n,).
+    """Compute the logarithmic score of the innovations of each fix, mean of its components, (n,).
 
-    ``ln S + z^2 / 2 - 1/2`` has its minimum, on average, at the true S: too large and too small predictions are both
-    worse (logarithmic score: Gneiting and Raftery, J. Amer. Statist. Assoc. 102 (2007) 359-378). An outlier counts like
-    a fix at the gate limit, used or not.
+    The score is ``ln S + z^2 / 2 - 1/2``, with predicted sd S and normalised innovation z. On average it is smallest at
+    the true S, so too large and too small predictions are both worse (Gneiting and Raftery, J. Amer.
+    Statist. Assoc. 102 (2007) 359-378). Used or not, an outlier counts like a fix at the gate limit.
     """
     z2 = np.minimum(np.mean((innovation / sd) ** 2, axis=1), _FAR)
     return np.asarray(np.mean(np.log(sd), axis=1) + 0.5 * z2 - 0.5)
 
 
 def _spread(errors: TrajectoryErrors) -> FloatArray:
-    found = np.full((SLICES, 9, 2), np.nan)
+    spread = np.full((SLICES, 9, 2), np.nan)
     if errors.sd is None:
-        return found
+        return spread
     unit = np.array([1.0] * 6 + [1.0 / DEG] * 3)
     error = np.column_stack([errors.position, errors.velocity, errors.attitude]) * unit
     sd = errors.sd * unit
     for number, rows in enumerate(np.array_split(np.arange(len(errors.time)), SLICES)):
         if len(rows):
             known = np.isfinite(error[rows]).sum(axis=0)
-            some = known > 0
-            found[number, some, 0] = np.nansum(error[rows][:, some] ** 2, axis=0) / known[some]
-            found[number, some, 1] = np.mean(sd[rows][:, some] ** 2, axis=0)
-    return found
+            columns = known > 0
+            spread[number, columns, 0] = np.nansum(error[rows][:, columns] ** 2, axis=0) / known[columns]
+            spread[number, columns, 1] = np.mean(sd[rows][:, columns] ** 2, axis=0)
+    return spread
 
 
 def _outages(material: Material) -> tuple[dict[str, FloatArray], FloatArray]:
-    """Compute horizontal errors after times without fixes, and `Measured.growth`; no metrics for a short drive."""
+    """Compute the horizontal error metrics of outages, and `Measured.growth`; no metrics for a short drive."""
     growth = np.zeros((len(GROWTH), 3))
     ready, _ = prepare(material.imu, material.gps, material.spec, material.receiver)
     ready = aided(replace(ready, gates=material.gates), material.spec)
@@ -304,16 +304,16 @@ def _outages(material: Material) -> tuple[dict[str, FloatArray], FloatArray]:
         return {}, growth
     error, sd = horizontal_at(windows, GROWTH, _NEAR)
     growth = np.stack([np.isfinite(error).sum(axis=0), np.nansum(error**2, axis=0), np.nansum(sd**2, axis=0)], axis=1)
-    chosen = {f"outage_{t:.0f}s_m": error[:, GROWTH.index(t)] for t in OUTAGES}
-    return {key: _by_recording(value, material.block) for key, value in chosen.items()}, growth
+    errors = {f"outage_{t:.0f}s_m": error[:, GROWTH.index(t)] for t in OUTAGES}
+    return {key: _by_recording(value, material.block) for key, value in errors.items()}, growth
 
 
 def _free_inertial(done: Navigated, material: Material) -> dict[str, FloatArray]:
     """Compute the horizontal error after a free-inertial minute; empty for a short drive.
 
-    Without reference velocity, the smoothed solution replaces it.
+    If the reference lacks a part of the state, the smoothed solution is the reference.
     """
-    clock = done.run.gps_delay - material.receiver.delay.value  # the solution uses fix time
+    clock = done.run.gps_delay - material.receiver.delay.value  # solution times minus sample times [s]
     reference, reference_clock = material.truth, 0.0
     if not material.whole_state:
         if done.run.smoothed is None:
@@ -333,7 +333,7 @@ def _free_inertial(done: Navigated, material: Material) -> dict[str, FloatArray]
 
 
 def _by_recording(value: FloatArray, block: float) -> FloatArray:
-    """Return every window's error for a drive in pieces, else their root mean square."""
+    """Return the errors of all windows if the drive is evaluated in pieces, else their root mean square."""
     return value if block > 0.0 else np.array([rms(value)])
 
 
@@ -347,14 +347,14 @@ def _quantile(error: FloatArray, percent: float) -> float:
 
 
 def joined(parts: Sequence[Measured]) -> Measured:
-    """Combine the recordings of one case: concatenate values, add sums."""
+    """Combine the recordings of one case: concatenate values, add the sums of `growth`, average `spread`."""
     order = [metric.key for metric in METRICS if any(metric.key in part.values for part in parts)]
-    nothing = np.array([np.nan])
-    values = {key: np.concatenate([part.values.get(key, nothing) for part in parts]) for key in order}
+    missing = np.array([np.nan])
+    values = {key: np.concatenate([part.values.get(key, missing) for part in parts]) for key in order}
     spread = np.array([part.spread for part in parts])
-    known = np.isfinite(spread)
-    count = known.sum(axis=0)
-    mean = np.where(count > 0, np.where(known, spread, 0.0).sum(axis=0) / np.maximum(count, 1), np.nan)
+    finite = np.isfinite(spread)
+    count = finite.sum(axis=0)
+    mean = np.where(count > 0, np.where(finite, spread, 0.0).sum(axis=0) / np.maximum(count, 1), np.nan)
     return Measured(values, np.sum([part.growth for part in parts], axis=0), mean)
 
 
@@ -362,10 +362,10 @@ def joined(parts: Sequence[Measured]) -> Measured:
 class CaseResult:
     """Accuracy of one case."""
 
-    digest: str  # of the case and its files
-    pieces: bool  # values of successive pieces of one drive; otherwise of independent drives
+    digest: str  # identifies the case and its files; see `corpus.digest`
+    pieces: bool  # True: values are of successive pieces of one drive; False: of independent drives
     measured: Measured  # empty if every drive failed
-    failures: Mapping[int, ErrorFacts | None]  # failed drives by number, from 1; None in a baseline
+    failures: Mapping[int, ErrorFacts | None]  # by number of the failed drive, from 1; None in a baseline
     files: dict[str, str]  # digest of each recorded file
 
 
@@ -373,9 +373,9 @@ class CaseResult:
 class Accuracy:
     """Accuracy of the whole corpus."""
 
-    cases: dict[str, CaseResult]  # by name
-    skipped: dict[str, Finding]  # skipped cases with the reason
-    quick: bool  # partial run
+    cases: dict[str, CaseResult]  # results by name of the case
+    skipped: dict[str, Finding]  # by case: reason why it was skipped
+    quick: bool  # True: only some cases and seeds were run
 
 
 def run_corpus(
@@ -386,7 +386,7 @@ def run_corpus(
     workers: Workers = 1,
     progress: Callable[[float], None] | None = None,
 ) -> Accuracy:
-    """Navigate all drives. Raises: ConfigError: no worker, or a wrong profile or model name in a case."""
+    """Navigate all drives of a corpus. Raises: ConfigError: no worker, or an unknown profile or model in a case."""
     skipped: dict[str, Finding] = {}
     jobs: list[tuple[AnyCase, int]] = []
     for case in corpus.cases:
@@ -394,17 +394,17 @@ def run_corpus(
             no_data = Finding.of(Code.REGRESSION_NO_DATA, subject=case.name, data=str(case.data), folder=str(data))
             skipped[case.name] = no_data
             continue
-        count = min(case.quick, case.seeds) if quick else case.seeds
-        if not count:
+        seeds = min(case.quick, case.seeds) if quick else case.seeds
+        if not seeds:
             skipped[case.name] = Finding.of(Code.REGRESSION_NOT_QUICK, subject=case.name)
-        jobs += [(case, number) for number in range(1, count + 1)]
+        jobs += [(case, seed) for seed in range(1, seeds + 1)]
     drives: dict[str, list[CaseResult]] = {}
     for (case, _), drive in zip(jobs, every(_attempt, jobs, workers, (data,), progress), strict=True):
         drives.setdefault(case.name, []).append(drive)
     cases = {}
-    for name, own in drives.items():
-        failures = {number: error for each in own for number, error in each.failures.items()}
-        cases[name] = replace(own[0], measured=joined([each.measured for each in own]), failures=failures)
+    for name, results in drives.items():
+        failures = {seed: error for result in results for seed, error in result.failures.items()}
+        cases[name] = replace(results[0], measured=joined([result.measured for result in results]), failures=failures)
     return Accuracy(cases, skipped, quick)
 
 

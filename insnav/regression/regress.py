@@ -21,9 +21,9 @@ from insnav.regression.verdict import Comparison, Verdict, compare, interval
 from insnav.result import Result
 
 HISTORY_FILE = "history.jsonl"
-_DIGITS = 4  # of stored figures
+_DIGITS = 4  # significant digits of stored figures
 
-Value = tuple[float, float, float]  # typical value, and its 95 % interval
+Value = tuple[float, float, float]  # typical value, lower and upper end of its 95 % interval
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,16 +31,14 @@ class Entry:
     """History entry of one version."""
 
     origin: Origin
-    digests: dict[str, str]  # of every case and its files
-    data: dict[str, dict[str, str]]  # for each recorded case the digests of its files
-    # for each case its metrics: typical value and 95 % interval, NaN if unknown
-    metrics: dict[str, dict[str, Value]]
-    # for each case the metrics that changed relative to the baseline of that time
-    verdicts: dict[str, dict[str, Verdict]]
+    digests: dict[str, str]  # digest of each case with its files
+    data: dict[str, dict[str, str]]  # for each recorded case, the digest of each file
+    metrics: dict[str, dict[str, Value]]  # for each case, its metrics; NaN if unknown
+    verdicts: dict[str, dict[str, Verdict]]  # for each case, metrics that changed against the baseline of that time
 
 
 def entry(result: Accuracy, comparison: Comparison | None, origin: Origin) -> Entry:
-    """Summarise a run of the whole corpus."""
+    """Summarise a run of the whole corpus as a history entry."""
     metrics = {
         name: {key: interval(value, BY_KEY[key], pieces=case.pieces) for key, value in case.measured.values.items()}
         for name, case in result.cases.items()
@@ -56,37 +54,37 @@ def entry(result: Accuracy, comparison: Comparison | None, origin: Origin) -> En
 
 
 def read_history(path: Path) -> list[Entry]:
-    """Read all versions, oldest first. Raises: InputError: a line is damaged."""
-    found = []
+    """Read the entries of all versions, oldest first. Raises: InputError: a line is damaged."""
+    entries = []
     for row, line in enumerate((kept_text("regress.unreadable_history", path) or "").splitlines(), start=1):
         if not line.strip():
             continue
         try:
-            found.append(_entry(json.loads(line)))
+            entries.append(_entry(json.loads(line)))
         except (KeyError, TypeError, ValueError, AttributeError) as error:
             raise InputError(
                 "regress.damaged_history", where=f"{path}:{row}", kind=type(error).__name__, reason=str(error)
             ) from None
-    return found
+    return entries
 
 
 def with_entry(history: Sequence[Entry], new: Entry) -> list[Entry]:
-    """Add a version at the end, or replace the entry of the same version and commit."""
-    mark = (new.origin.version, new.origin.commit)
-    marks = [(each.origin.version, each.origin.commit) for each in history]
-    if mark not in marks:
+    """Append the entry of a version, or replace the entry with the same version and commit."""
+    current = (new.origin.version, new.origin.commit)
+    keys = [(item.origin.version, item.origin.commit) for item in history]
+    if current not in keys:
         return [*history, new]
-    return [new if here == mark else each for here, each in zip(marks, history, strict=True)]
+    return [new if stored == current else item for stored, item in zip(keys, history, strict=True)]
 
 
 def write_history(path: Path, history: Sequence[Entry]) -> None:
-    """Write all versions, one per line. Raises: OutputError: the file cannot be written."""
+    """Write the entries of all versions, one per line. Raises: OutputError: the file cannot be written."""
     lines = []
-    for each in history:
-        content = asdict(each)
+    for item in history:
+        content = asdict(item)
         content["metrics"] = {
             name: {key: short(np.array(value), _DIGITS) for key, value in metrics.items()}
-            for name, metrics in each.metrics.items()
+            for name, metrics in item.metrics.items()
         }
         lines.append(json.dumps(content, ensure_ascii=False, separators=(",", ":")))
     write_text(path, "\n".join(lines) + "\n")
@@ -111,12 +109,12 @@ class Regression:
 
     accuracy: Accuracy
     baseline: Baseline | None
-    origin: Origin  # of this version
-    history: tuple[Entry, ...] = ()  # oldest first; this version is the last unless partial
+    origin: Origin  # version, commit, time and computer of this run
+    history: tuple[Entry, ...] = ()  # oldest first; contains this version unless the run was quick
 
     @cached_property
     def comparison(self) -> Comparison | None:
-        """Changes since the baseline, if any."""
+        """Comparison with the baseline; None without a baseline."""
         return None if self.baseline is None else compare(self.accuracy, self.baseline)
 
 
@@ -140,14 +138,14 @@ def regress(
     reports : path, optional
         Folder of the baseline and the history, by default ``reports`` next to the folder of the corpus.
     quick : bool
-        Run only some cases.
+        Run only the cases and seeds of a quick evaluation.
     workers, stage
-        Where to compute; called with the name of each stage of the work and its completed fraction.
+        Processes that compute; function called with the name of each stage of the work and its completed fraction.
 
     Returns
     -------
     Result of Regression
-        ``found.comparison.passed``: no figure of merit is worse than in the baseline.
+        ``found.comparison.passed``: no drive fails, and no figure of merit is worse beyond its limit.
 
     Raises
     ------
@@ -163,8 +161,8 @@ def regress(
     accuracy = run_corpus(
         drives, recorded, quick=quick, workers=workers, progress=lambda fraction: stage("navigating", fraction)
     )
-    found = Regression(accuracy, baseline, origin(file.parent), tuple(history))
+    result = Regression(accuracy, baseline, origin(file.parent), tuple(history))
     if not quick:
-        found = replace(found, history=tuple(with_entry(history, entry(accuracy, found.comparison, found.origin))))
+        result = replace(result, history=tuple(with_entry(history, entry(accuracy, result.comparison, result.origin))))
     options = {"corpus": file, "data": recorded, "reports": folder, "quick": quick}
-    return Result("regression", found, options=options)
+    return Result("regression", result, options=options)

@@ -1,9 +1,9 @@
 """Multi-position calibration without a table: a sensor in many poses, with turns between them.
 
-Poses are intervals at rest. All criteria for them are ratios (of variances, of directions): raw counts work like m/s^2.
-Gravity has the same magnitude in all poses. Integrated rates must rotate it from pose to pose. In addition, the poses
-give the g-sensitivity of the gyros, which is removed before the integration of the turns. In a MEMS gyro it is the
-largest remaining error.
+Poses are intervals at rest. All criteria for poses are ratios (of variances, of directions), so raw counts work like
+m/s^2. Gravity has the same magnitude in all poses: this calibrates the accelerometers. Integrated rates must rotate the
+direction of gravity from pose to pose: this calibrates the gyros. The poses also give the g-sensitivity of the gyros,
+the largest remaining error of a MEMS gyro. It is removed before the turns are integrated.
 
 References
 ----------
@@ -11,8 +11,8 @@ D. Tedaldi, A. Pretto, E. Menegatti, "A robust and easy to implement method for 
 equipments", ICRA 2014. Section on the static detector: variance of the specific force in a moving window against a
 multiple of the variance at rest. Here the quietest tenth of the record defines the variance at rest, so the record may
 begin in motion. Section on gyroscopes: nine parameters from the direction of gravity by accelerometers and by
-integrated rates over all turns. This module takes the difference in the plane across gravity (along it there is no
-information), and integrates rates with `insnav.strapdown.increments`.
+integrated rates over all turns. This module takes the difference in the plane across gravity (along gravity there
+is no information), and integrates rates with `insnav.strapdown.increments`.
 """
 
 from __future__ import annotations
@@ -37,30 +37,30 @@ from insnav.tabular import runs_of
 from insnav.types import BoolArray, FloatArray, ImuData, IntArray
 from insnav.units import DEG
 
-WINDOW = 1.0  # window of the variance [s]
-SHORTEST = 0.5  # least rest between two windows with motion [s]: 1.5 s of rest altogether
-FEWEST = 10  # samples of a pose
+WINDOW = 1.0  # length of the moving window of the variance [s]
+SHORTEST = 0.5  # least length of a pose between two windows with motion [s]: 1.5 s of rest altogether
+FEWEST = 10  # least number of samples of a pose
 QUIET_SHARE = 0.1  # quantile of the variance that represents rest
 CONTRAST = 25.0  # least variance ratio of the most active tenth to rest, in a record of positions and motions
-KNOCK = 1.5 * WINDOW  # a shorter break of rest, without change of pose, is a knock [s]
-SAME_POSE = 0.01  # change of specific force, over its spread in the record, within one pose
-CLIPPED = 3  # successive extreme samples that mark the end of the range
-PARAMETERS = 9  # of three gyros
+KNOCK = 1.5 * WINDOW  # a shorter interruption of rest, without change of pose, is a knock [s]
+SAME_POSE = 0.01  # largest change of specific force within one pose, relative to its spread in the record
+CLIPPED = 3  # least number of successive extreme samples of a clipped channel
+PARAMETERS = 9  # sensitivities of three gyros to three axes
 NAMES = tuple(f"scale {a}" if a == b else f"misalignment {a}{b}" for a in AXES for b in AXES)
-WORST_CONDITION = 150.0
-FEWEST_TURNS = 6  # turns: twelve components against nine parameters
-_COARSE = 10  # samples joined for the initial guess
-_TRIED = 60  # sensitivities tried
-_SMALLEST, _LARGEST = 0.1, 15.0  # plausible turn of the largest movement of a hand calibration [rad]
-MISFIT = 20.0 * DEG  # of plausible turns, before the fit
-_STEP = 1e-6  # of a relative change of the sensitivity, for slopes
-_NO_EARTH = np.zeros(3)
-_START = np.array([1.0, 0.0, 0.0, 0.0])
+WORST_CONDITION = 150.0  # largest condition number of usable turns
+FEWEST_TURNS = 6  # least number of turns: twelve components against nine parameters
+_COARSE = 10  # number of samples that are summed for the initial guess
+_TRIED = 60  # number of sensitivities tried for the initial guess
+_SMALLEST, _LARGEST = 0.1, 15.0  # range of the largest turn in a hand calibration [rad]
+MISFIT = 20.0 * DEG  # largest RMS misfit of plausible turns, before the fit
+_STEP = 1e-6  # relative change of the sensitivity for numerical derivatives
+_NO_EARTH = np.zeros(3)  # the rotation of the Earth is neglected
+_START = np.array([1.0, 0.0, 0.0, 0.0])  # quaternion of the initial attitude
 FACTORS = (2.0, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0)  # candidate limits of rest, in standard deviations at rest
-ALIKE = 1.0  # log determinant difference of nearly equal covariances: 6 % per standard deviation
-LEAST_OWN = 0.1  # least share of the turns' scatter that is their own
-FOLDS = 5
-WRONG_NORM = 0.02  # relative scatter of gravity beyond any set of poses at rest
+ALIKE = 1.0  # difference of log determinants of nearly equal covariances: 6 % per standard deviation
+LEAST_OWN = 0.1  # least share of the turns' scatter that the gyros themselves cause
+FOLDS = 5  # parts of the data for cross-validation
+WRONG_NORM = 0.02  # poses at rest always have a smaller relative scatter of the magnitude of gravity
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,11 +69,11 @@ class Pose:
 
     first: int  # samples ``first`` up to, not including, ``last``
     last: int
-    start: float  # times of the first and of the last of them [s]
-    end: float
-    force: FloatArray  # (3,) mean of the accelerometers and of the gyros, in the units of the record
-    rate: FloatArray
-    force_sd: FloatArray  # (3,) standard deviation of one sample
+    start: float  # time of the first sample [s]
+    end: float  # time of the last sample [s]
+    force: FloatArray  # (3,) mean of the accelerometers [unit of the record]
+    rate: FloatArray  # (3,) mean of the gyros [unit of the record]
+    force_sd: FloatArray  # (3,) standard deviation of one accelerometer sample
 
     @property
     def count(self) -> int:
@@ -82,7 +82,7 @@ class Pose:
 
 
 def pose_between(imu: ImuData, first: int, last: int) -> Pose:
-    """Means over samples ``first`` up to, not including, ``last``.
+    """Compute the means of a pose over samples ``first`` up to, not including, ``last``.
 
     `first`, `last`: at least two samples inside the record.
     """
@@ -100,7 +100,7 @@ class Activity:
 
 
 def measure_activity(imu: ImuData) -> Activity:
-    """Measure the activity of a record.
+    """Compute the variance of the specific force along a record, relative to rest.
 
     Raises: InputError: the record is too short, or rest and motion do not differ.
     """
@@ -109,11 +109,11 @@ def measure_activity(imu: ImuData) -> Activity:
     if window < FEWEST or imu.time.size < 10 * window:
         raise InputError("lab.poses_short", count=imu.time.size, interval_s=interval, rate_hz=FEWEST / WINDOW)
     variance = moving_variance(imu.accel, window).sum(axis=1)
-    variance[: window // 2] = variance[-(window // 2) :] = np.inf  # no whole window about these
-    known = variance[np.isfinite(variance)]
-    # a simulated record without noise has no variance at all at rest: rounding is the least there can be
-    floor = max(float(np.quantile(known, QUIET_SHARE)), 1e-12 * float(np.mean(imu.accel**2)), np.finfo(float).tiny)
-    contrast = float(np.quantile(known, 1.0 - QUIET_SHARE)) / floor
+    variance[: window // 2] = variance[-(window // 2) :] = np.inf  # the ends have no whole window
+    finite = variance[np.isfinite(variance)]
+    # a simulated record without noise has no variance at rest: the lower limit is the level of rounding
+    floor = max(float(np.quantile(finite, QUIET_SHARE)), 1e-12 * float(np.mean(imu.accel**2)), np.finfo(float).tiny)
+    contrast = float(np.quantile(finite, 1.0 - QUIET_SHARE)) / floor
     if contrast < CONTRAST:
         raise InputError("lab.no_contrast", ratio=np.sqrt(contrast))
     return Activity(variance / floor, interval)
@@ -122,83 +122,83 @@ def measure_activity(imu: ImuData) -> Activity:
 def find_poses(imu: ImuData, activity: Activity, factor: float) -> tuple[Pose, ...]:
     """Find the intervals at rest in a record.
 
-    `activity`: of this record. `factor`: largest standard deviation at rest, relative to the quietest tenth. Poses are
-    in order of time. The window keeps half its length between a pose and any motion. Of a pose interrupted by a knock
-    the longer part is kept, to count the pose once.
+    `activity`: activity of this record. `factor`: largest standard deviation at rest, relative to the quietest tenth.
+    Poses are in order of time. Between a pose and motion there is half a window. If a knock interrupts a pose, only the
+    longer part is kept, so that the pose counts once.
     """
     still: BoolArray = activity.ratio < factor * factor
     shortest = max(FEWEST, round(SHORTEST / activity.interval))
-    found = [pose_between(imu, first, end) for first, end in runs_of(still).tolist() if end - first >= shortest]
-    if not found:
+    candidates = [pose_between(imu, first, end) for first, end in runs_of(still).tolist() if end - first >= shortest]
+    if not candidates:
         return ()
-    force = np.array([pose.force for pose in found])
+    force = np.array([pose.force for pose in candidates])
     spread = float(np.linalg.norm(force - force.mean(axis=0), axis=1).max())
-    kept = found[:1]
-    for pose in found[1:]:
-        change = float(np.linalg.norm(pose.force - kept[-1].force))
-        if pose.start - kept[-1].end > KNOCK or change > SAME_POSE * spread:
-            kept.append(pose)
-        elif pose.count > kept[-1].count:
-            kept[-1] = pose
-    return tuple(kept)
+    poses = candidates[:1]
+    for pose in candidates[1:]:
+        change = float(np.linalg.norm(pose.force - poses[-1].force))
+        if pose.start - poses[-1].end > KNOCK or change > SAME_POSE * spread:
+            poses.append(pose)
+        elif pose.count > poses[-1].count:
+            poses[-1] = pose
+    return tuple(poses)
 
 
 def clipped(values: FloatArray, moving: BoolArray) -> BoolArray:
     """Find samples in which a channel stays at its largest or smallest value.
 
     `values` (n, 3): samples in any unit. `moving` (n,): rows to test: repeated values at rest are normal.
-    Returns (n,).
+    Returns (n,): True if clipped.
     """
-    found = np.zeros(values.shape[0], dtype=np.bool_)
+    at_limit = np.zeros(values.shape[0], dtype=np.bool_)
     for column in values.T:
         for extreme in (column.min(), column.max()):
             for first, end in runs_of((column == extreme) & moving):
                 if end - first >= CLIPPED:
-                    found[first:end] = True
-    return found
+                    at_limit[first:end] = True
+    return at_limit
 
 
 @dataclass(frozen=True, slots=True)
 class Turns:
-    """The record prepared for integration between poses."""
+    """Record prepared for the integration of turns from pose to pose."""
 
     parts: Intervals  # gyros and accelerometers in the unit of the record
     start: IntArray  # (m,) index of the first sample interval of each turn
     end: IntArray  # (m,) index of the first sample interval after each turn
-    moving: IntArray  # (k,) intervals inside turns: stationary intervals are not integrated
-    use: BoolArray  # (m,) turns with all samples present and in range
+    moving: IntArray  # (k,) sample intervals inside turns; intervals at rest are not integrated
+    use: BoolArray  # (m,) True for turns with all samples present and in range
 
 
 @dataclass(frozen=True, slots=True)
 class TurnFit:
-    """Calibrated gyro sensitivity with its turn errors."""
+    """Calibrated gyro sensitivity, and the remaining errors of the turns."""
 
     matrix: FloatArray  # (3, 3) unit of the record per rad/s
     covariance: FloatArray  # (9, 9) of E, by rows, in ``matrix = start (I + E)``, from the scatter of the residuals
-    jacobian: FloatArray  # (2 k, 9) derivative of the residuals of the turns used by E
+    jacobian: FloatArray  # (2 k, 9) derivative by E of the residuals of the turns used
     # (m,) angle between the directions of gravity after each turn, by gyros and by accelerometers [rad]
     error: FloatArray
-    sd: float  # standard deviation of one component of it, from the scatter [rad]
-    normal: Normal  # analysis of the determination by the turns
+    sd: float  # standard deviation of one component of a turn error, from the scatter [rad]
+    normal: Normal  # shows how well the turns determine the parameters
 
 
 def prepare(imu: ImuData, poses: Sequence[Pose], damaged: BoolArray) -> Turns:
     """Find the turns of a record. `poses`: at least two. `damaged` (n,): samples at the end of the range."""
     parts = intervals(imu)
-    begin = np.array([pose.end for pose in poses[:-1]])
-    finish = np.array([pose.start for pose in poses[1:]])
-    start = np.searchsorted(parts.end, begin, side="right").astype(np.int64)
-    end = np.searchsorted(parts.end, finish, side="right").astype(np.int64)
-    holes = np.concatenate(([0], np.cumsum(parts.gap > 0.0)))
-    bad = np.concatenate(([0], np.cumsum(damaged)))
+    pose_end = np.array([pose.end for pose in poses[:-1]])
+    pose_start = np.array([pose.start for pose in poses[1:]])
+    start = np.searchsorted(parts.end, pose_end, side="right").astype(np.int64)
+    end = np.searchsorted(parts.end, pose_start, side="right").astype(np.int64)
+    gap_count = np.concatenate(([0], np.cumsum(parts.gap > 0.0)))
+    damaged_count = np.concatenate(([0], np.cumsum(damaged)))
     samples = np.array([[a.last, b.first] for a, b in itertools.pairwise(poses)])
-    use = (holes[end] == holes[start]) & (bad[samples[:, 1]] == bad[samples[:, 0]])
+    use = (gap_count[end] == gap_count[start]) & (damaged_count[samples[:, 1]] == damaged_count[samples[:, 0]])
     moving = np.concatenate([np.arange(a, b) for a, b in zip(start, end, strict=True)])
     return Turns(parts, start, end, moving.astype(np.int64), use)
 
 
 def _attitudes(dt: FloatArray, dtheta: FloatArray) -> FloatArray:
-    """Attitude after each increment against the first, (n + 1, 4)."""
+    """Compute the attitude quaternion before and after each increment, relative to the start, (n + 1, 4)."""
     n = dt.shape[0]
     quaternion, unused = np.empty((n + 1, 4)), np.empty((n + 1, 3))
     gyro_history(_START, _NO_EARTH, dt, dtheta, dtheta, quaternion, unused)
@@ -206,15 +206,15 @@ def _attitudes(dt: FloatArray, dtheta: FloatArray) -> FloatArray:
 
 
 def _between(quaternion: FloatArray, start: IntArray, end: IntArray) -> FloatArray:
-    """Matrix that takes body coordinates before each turn to those after it, (m, 3, 3)."""
+    """Return the matrix that converts body coordinates before each turn to body coordinates after it, (m, 3, 3)."""
     return np.swapaxes(dcm_from_quat(quat_multiply(quat_conjugate(quaternion[start]), quaternion[end])), 1, 2)
 
 
 def rotations(turns: Turns, bias: FloatArray, matrix: FloatArray) -> FloatArray:
-    """Rotation of each turn by the corrected gyros.
+    """Compute the rotation of each turn by the corrected gyros.
 
-    `bias` (3,): in the unit of the record. `matrix` (3, 3): unit of the record per rad/s. Returns (m, 3, 3): takes a
-    vector that stands still from body coordinates before the turn to those after it.
+    `bias` (3,): in the unit of the record. `matrix` (3, 3): unit of the record per rad/s. Returns (m, 3, 3): converts a
+    fixed vector from body coordinates before the turn to body coordinates after it.
     """
     parts = turns.parts
     step = 1.0 if parts.instant else parts.dt[:, None]
@@ -226,17 +226,17 @@ def rotations(turns: Turns, bias: FloatArray, matrix: FloatArray) -> FloatArray:
 
 
 def across(up: FloatArray) -> FloatArray:
-    """Two unit vectors across each direction, (m, 2, 3)."""
+    """Return two unit vectors perpendicular to each direction `up` (m, 3), as (m, 2, 3)."""
     first = np.cross(up, np.eye(3)[np.argmin(np.abs(up), axis=1)])
     first /= np.linalg.norm(first, axis=1)[:, None]
     return np.stack((first, np.cross(up, first)), axis=1)
 
 
 def residuals(rotation: FloatArray, up: FloatArray) -> FloatArray:
-    """Direction of gravity by the gyros across that by the accelerometers after each turn.
+    """Compute the difference between the directions of gravity by gyros and by accelerometers after each turn.
 
     `rotation` (m, 3, 3): from `rotations`. `up` (m + 1, 3): unit vectors along the specific force in the poses. Returns
-    (m, 2): components [rad]; their length is the angle between the two even if it is large.
+    (m, 2): components across gravity [rad]; their length is the angle between both directions, even a large one.
     """
     carried = np.einsum("mij,mj->mi", rotation, up[:-1])
     sideways = np.einsum("mkj,mj->mk", across(up[1:]), carried)
@@ -249,14 +249,14 @@ def first_guess(turns: Turns, bias: FloatArray, up: FloatArray, counts: bool) ->
     """Find an initial sensitivity, equal for all axes; refuse exchanged axes.
 
     `bias` (3,): in the unit of the record. `up` (m + 1, 3): unit vectors along the specific force in the poses.
-    `counts`: the sensitivity is unknown; else it is about 1. Returns (3, 3). Raises: InputError: gyros with other axes
-    or signs than the accelerometers, or without signal in the turns.
+    `counts`: the sensitivity is unknown; otherwise it is about 1. Returns (3, 3). Raises: InputError: gyros with other
+    axes or signs than the accelerometers, or without signal in the turns.
     """
     parts = turns.parts
     step = parts.dt[:, None]
     angles = parts.gyro * (step if parts.instant else 1.0) - bias * step
     total = np.concatenate((np.zeros((1, 3)), np.cumsum(angles, axis=0)))
-    # a few sums of samples are enough for a first guess, and quick
+    # sums of a few samples are accurate enough for a first guess, and fast
     knots = np.unique(np.concatenate((np.arange(0, len(total), _COARSE), turns.start, turns.end)))
     angle = np.diff(total[knots], axis=0)
     length = np.diff(np.concatenate(([0.0], np.cumsum(parts.dt)))[knots])
@@ -266,23 +266,23 @@ def first_guess(turns: Turns, bias: FloatArray, up: FloatArray, counts: bool) ->
         rotation = _between(_attitudes(length, angle @ np.linalg.inv(matrix).T), start, end)
         return float(np.sqrt(np.mean(residuals(rotation, up)[turns.use] ** 2)))
 
-    reach = np.linalg.norm(total[turns.end] - total[turns.start], axis=1)[turns.use].max()
-    scales = reach / np.geomspace(_SMALLEST, _LARGEST, _TRIED) if counts else np.ones(1)
+    largest_turn = np.linalg.norm(total[turns.end] - total[turns.start], axis=1)[turns.use].max()
+    scales = largest_turn / np.geomspace(_SMALLEST, _LARGEST, _TRIED) if counts else np.ones(1)
     best, scale = min((misfit(scale * np.eye(3)), scale) for scale in scales)
     if best < MISFIT:
         return scale * np.eye(3)
     if not counts and misfit(np.eye(3) / DEG) < MISFIT:
         raise InputError("lab.gyros_in_degrees")
-    others = [
+    alternatives = [  # all exchanges and signs of the gyro axes
         (misfit(s * np.diag(signs)[list(order)]), order, signs)
         for order in itertools.permutations(range(3))
         for signs in itertools.product((1.0, -1.0), repeat=3)
         for s in scales
     ]
-    less, order, signs = min(others, key=lambda item: item[0])
-    if less < 0.5 * best and less < MISFIT:
+    smallest, order, signs = min(alternatives, key=lambda item: item[0])
+    if smallest < 0.5 * best and smallest < MISFIT:
         columns = tuple(f"{'+' if signs[o] > 0 else '-'}{AXES[o]}" for o in order)
-        raise InputError("lab.gyros_exchanged", axes=columns, angle_rad=less, before_rad=best)
+        raise InputError("lab.gyros_exchanged", axes=columns, angle_rad=smallest, before_rad=best)
     raise InputError("lab.turns_unseen", angle_rad=best, option="" if counts else "--counts")
 
 
@@ -304,15 +304,15 @@ def fit_turns(turns: Turns, bias: FloatArray, start: FloatArray, up: FloatArray,
         here = misfit(e)
         return np.column_stack([(misfit(e + step) - here) / _STEP for step in _STEP * np.eye(PARAMETERS)])
 
-    done = least_squares(misfit, np.zeros(PARAMETERS), jac=slope, method="lm", xtol=1e-10, ftol=1e-10)
-    determined = normal(done.jac)
+    solution = least_squares(misfit, np.zeros(PARAMETERS), jac=slope, method="lm", xtol=1e-10, ftol=1e-10)
+    determined = normal(solution.jac)
     if not determined.condition < WORST_CONDITION:
         weak, condition = tuple(NAMES[i] for i in determined.weak), determined.condition
         raise InputError("lab.turns_undetermined", parameters=weak, condition=condition, limit=WORST_CONDITION)
-    matrix = start @ (np.eye(3) + done.x.reshape(3, 3))
-    sd = float(np.sqrt(2.0 * done.cost / (2 * count - PARAMETERS)))
+    matrix = start @ (np.eye(3) + solution.x.reshape(3, 3))
+    sd = float(np.sqrt(2.0 * solution.cost / (2 * count - PARAMETERS)))
     error = np.linalg.norm(residuals(rotations(turns, bias, matrix), up), axis=1)
-    return TurnFit(matrix, determined.inverse * sd**2, np.asarray(done.jac), error, sd, determined)
+    return TurnFit(matrix, determined.inverse * sd**2, np.asarray(solution.jac), error, sd, determined)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -322,32 +322,30 @@ class PosesCalibration(MultiPosition):
     The gyros refer to the accelerometer axes; their bias excludes g-sensitivity.
     """
 
-    poses: tuple[Pose, ...]  # stretches at rest, in order of time
+    poses: tuple[Pose, ...]  # intervals at rest, in order of time
     factor: float  # limit of rest that was chosen, in standard deviations at rest
-    norm_left_out: FloatArray  # (n,) as `norm_after`, each pose by a calibration without it [m/s^2]
-    # (n - 1,) angle by which each turn misses the next pose [rad]: with the first guess, calibrated without the
-    # g-sensitivity, and calibrated
+    norm_left_out: FloatArray  # (n,) as `norm_after`, each pose by a calibration without this pose [m/s^2]
+    # (n - 1,) angle by which each turn misses the next pose [rad]: by the first guess, by a calibration without
+    # g-sensitivity, and by the calibration
     turn_before: FloatArray
     turn_plain: FloatArray
     turn_after: FloatArray
-    turn_left_out: FloatArray  # (n - 1,) calibrated, each turn by a calibration without it [rad]
+    turn_left_out: FloatArray  # (n - 1,) as `turn_after`, with each turn by a calibration without this turn [rad]
     turn_used: BoolArray  # (n - 1,) false if samples are missing or out of range
     # (n,) leverage of each pose on the nine accelerometer parameters [-]
     accel_share: FloatArray
     # (n - 1,) leverage of each turn on the nine gyro parameters; zero if unused [-]
     gyro_share: FloatArray
-    # (3,) change of the gyro outputs at rest from the first to the last third of the record, without g-sensitivity
-    # [rad/s]
+    # (3,) change of gyro output at rest from the first to the last third of the record, without g-sensitivity [rad/s]
     gyro_drift: FloatArray
 
 
 def calibrate_poses(imu: ImuData, g: float, *, counts: bool = False) -> PosesCalibration:
     """Calibrate accelerometers and gyros by poses and the turns between them.
 
-    `imu`: record of at least ten poses, in SI units, or in any units if `counts`. `g`: gravity where it was made
-    [m/s^2]. `counts`: sensitivities are not known, not even roughly.
-    Raises: InputError: no poses, too few, or such as leave a parameter undetermined; units, axes or signs that cannot
-    be.
+    `imu`: record of at least ten poses, in SI units, or in any units if `counts`. `g`: local gravity
+    [m/s^2]. `counts`: sensitivities are unknown, as for raw counts.
+    Raises: InputError: too few poses, poses that leave a parameter undetermined, or impossible units, axes or signs.
     """
     if imu.sampling == "increment":
         raise InputError("lab.increments")
@@ -364,13 +362,13 @@ def calibrate_poses(imu: ImuData, g: float, *, counts: bool = False) -> PosesCal
     plain = prepare(imu, poses, damaged)
     guess = first_guess(plain, rest.mean, up, counts)
     coarse = fit_turns(plain, rest.mean, guess, up, plain.use)
-    felt = corrected(fit.triad, imu.accel)
-    turns = prepare(replace(imu, gyro=imu.gyro - felt @ rest.g_sensitivity.T), poses, damaged)
+    true_force = corrected(fit.triad, imu.accel)
+    turns = prepare(replace(imu, gyro=imu.gyro - true_force @ rest.g_sensitivity.T), poses, damaged)
     fine = fit_turns(turns, rest.bias, coarse.matrix, up, turns.use)
     covariance = _whole_covariance(imu, poses, damaged, fine, fit, rest)
-    # of `coarse (I + E)`, from the covariance of E by rows
-    square = np.einsum("ik,il,kjlj->ij", coarse.matrix, coarse.matrix, covariance.reshape(3, 3, 3, 3))
-    matrix_sd = np.asarray(np.sqrt(square))
+    # variances of `coarse (I + E)`, from the covariance of E by rows
+    matrix_variance = np.einsum("ik,il,kjlj->ij", coarse.matrix, coarse.matrix, covariance.reshape(3, 3, 3, 3))
+    matrix_sd = np.asarray(np.sqrt(matrix_variance))
     gyro = Triad(rest.bias, fine.matrix, np.sqrt(rest.covariance[:, 0, 0]), matrix_sd, fine.normal.condition)
     scale = np.diag(gyro.matrix)
     if not counts and np.abs(scale - 1.0).max() > WRONG_UNIT:
@@ -410,13 +408,13 @@ def calibrate_poses(imu: ImuData, g: float, *, counts: bool = False) -> PosesCal
 def _best_poses(
     imu: ImuData, activity: Activity, g: float, counts: bool
 ) -> tuple[float, tuple[Pose, ...], gravity.GravityFit, Triad]:
-    """Find the smallest limit of rest with nearly the least uncertain accelerometers."""
-    found = [(factor, find_poses(imu, activity, factor)) for factor in FACTORS]
-    most = max(len(poses) for _, poses in found)
-    tried: list[tuple[float, float, tuple[Pose, ...], gravity.GravityFit, Triad]] = []
-    refused: InputError | None = None
-    for factor, poses in found:
-        if 2 * len(poses) < most or not poses:  # a few poses fit well by chance
+    """Choose the smallest limit of rest at which the accelerometers have nearly their least uncertainty."""
+    candidates = [(factor, find_poses(imu, activity, factor)) for factor in FACTORS]
+    most_poses = max(len(poses) for _, poses in candidates)
+    fits: list[tuple[float, float, tuple[Pose, ...], gravity.GravityFit, Triad]] = []
+    refusal: InputError | None = None
+    for factor, poses in candidates:
+        if 2 * len(poses) < most_poses or not poses:  # few poses may fit well by chance
             continue
         force = np.array([pose.force for pose in poses])
         if not counts:
@@ -425,14 +423,14 @@ def _best_poses(
             start = gravity.sphere(force, g) if counts else Triad()
             fit = gravity.fit_gravity_norm(force, g, start)
         except InputError as error:
-            refused = error
+            refusal = error
             continue
-        tried.append((float(np.linalg.slogdet(fit.covariance)[1]), factor, poses, fit, start))
-    if not tried:
-        raise refused or InputError("lab.never_calm")
-    # a looser limit that is better by chance includes motion, which the turns then lack
-    least = min(item[0] for item in tried)
-    _, factor, poses, fit, start = next(item for item in tried if item[0] < least + ALIKE)
+        fits.append((float(np.linalg.slogdet(fit.covariance)[1]), factor, poses, fit, start))
+    if not fits:
+        raise refusal or InputError("lab.never_calm")
+    # a looser limit that is better by chance would include motion, which would then be missing in the turns
+    least = min(item[0] for item in fits)
+    _, factor, poses, fit, start = next(item for item in fits if item[0] < least + ALIKE)
     return factor, poses, fit, start
 
 
@@ -453,21 +451,21 @@ def _directions(triad: Triad, force: FloatArray) -> FloatArray:
 
 @dataclass(frozen=True, slots=True)
 class _Rest:
-    """Gyro outputs at rest: mean, bias and g-sensitivity with covariance per axis, (3, 4, 4), and drift."""
+    """Gyro outputs at rest, in the unit of the record."""
 
-    mean: FloatArray
-    bias: FloatArray
-    g_sensitivity: FloatArray
-    covariance: FloatArray
-    drift: FloatArray
+    mean: FloatArray  # (3,)
+    bias: FloatArray  # (3,)
+    g_sensitivity: FloatArray  # (3, 3)
+    covariance: FloatArray  # (3, 4, 4) for each gyro: covariance of its bias and g-sensitivity
+    drift: FloatArray  # (3,) change from the first to the last third of the record
 
 
 def _rest(poses: Sequence[Pose], accel: Triad) -> _Rest:
     """Split the output of the gyros at rest into bias and g-sensitivity.
 
-    A straight line over the poses is weighted by their lengths. The scatter about it contains noise, bias instability
-    and the Earth's rotation, and gives the uncertainty. The paper uses the bias of the initial rest only. All rests
-    together are longer and average the Earth's rotation.
+    The linear fit over the poses is weighted by their lengths. Its scatter contains noise, bias instability and the
+    Earth's rotation, and gives the uncertainty. The paper uses the bias of the initial pose only. All poses together
+    are longer and average the Earth's rotation.
     """
     weight = np.array([pose.count for pose in poses], dtype=float)
     weight /= weight.mean()
@@ -477,9 +475,9 @@ def _rest(poses: Sequence[Pose], accel: Triad) -> _Rest:
     solution = inverse @ (design.T @ (rate * weight[:, None]))
     scatter = rate - design @ solution
     variance = np.sum(weight[:, None] * scatter**2, axis=0) / (len(poses) - 4)
-    third = max(1, len(poses) // 3)
-    drift = np.average(scatter[-third:], axis=0, weights=weight[-third:]) - np.average(
-        scatter[:third], axis=0, weights=weight[:third]
+    n_third = max(1, len(poses) // 3)
+    drift = np.average(scatter[-n_third:], axis=0, weights=weight[-n_third:]) - np.average(
+        scatter[:n_third], axis=0, weights=weight[:n_third]
     )
     return _Rest(
         np.average(rate, axis=0, weights=weight), solution[0], solution[1:].T, variance[:, None, None] * inverse, drift
@@ -491,18 +489,18 @@ def _whole_covariance(
 ) -> FloatArray:
     """Compute the covariance of the gyro matrix including accelerometer, bias and g-sensitivity errors, (9, 9).
 
-    Each of these is perturbed along its covariance by one standard deviation. Their contribution to the residual
-    scatter is subtracted, to count once.
+    Each source of error is perturbed by one standard deviation. Its contribution to the residual scatter is subtracted,
+    so that it counts only once.
     """
     force = np.array([pose.force for pose in poses])
-    felt = corrected(fit.triad, imu.accel)
+    f_b = corrected(fit.triad, imu.accel)
 
     def misfit(accel: Triad, bias: FloatArray, sensitivity: FloatArray) -> FloatArray:
-        turns = prepare(replace(imu, gyro=imu.gyro - felt @ sensitivity.T), poses, damaged)
+        turns = prepare(replace(imu, gyro=imu.gyro - f_b @ sensitivity.T), poses, damaged)
         return residuals(rotations(turns, bias, fine.matrix), _directions(accel, force))[turns.use].ravel()
 
-    here = misfit(fit.triad, rest.bias, rest.g_sensitivity)
-    moved = [
+    nominal = misfit(fit.triad, rest.bias, rest.g_sensitivity)
+    perturbed = [
         misfit(gravity.unpacked(gravity.packed(fit.triad) + step), rest.bias, rest.g_sensitivity)
         for step in _steps(fit.covariance)
     ]
@@ -511,24 +509,24 @@ def _whole_covariance(
             bias, sensitivity = rest.bias.copy(), rest.g_sensitivity.copy()
             bias[axis] += step[0]
             sensitivity[axis] += step[1:]
-            moved.append(misfit(fit.triad, bias, sensitivity))
-    change = np.array(moved) - here
+            perturbed.append(misfit(fit.triad, bias, sensitivity))
+    change = np.array(perturbed) - nominal
     effect = change @ fine.jacobian @ fine.normal.inverse
-    seen = change - effect @ fine.jacobian.T
-    own = 1.0 - float(np.sum(seen**2)) / (fine.sd**2 * (change.shape[1] - effect.shape[1])) if fine.sd > 0.0 else 1.0
-    return np.asarray(max(own, LEAST_OWN) * fine.covariance + effect.T @ effect)
+    left = change - effect @ fine.jacobian.T
+    share = 1.0 - float(np.sum(left**2)) / (fine.sd**2 * (change.shape[1] - effect.shape[1])) if fine.sd > 0.0 else 1.0
+    return np.asarray(max(share, LEAST_OWN) * fine.covariance + effect.T @ effect)
 
 
 def _steps(covariance: FloatArray) -> FloatArray:
-    """Vectors, (k, k), whose outer products add up to a covariance; also to one without noise, which is singular."""
+    """Return vectors, (k, k), whose outer products add up to a covariance; it may be singular, as without noise."""
     value, vector = np.linalg.eigh(covariance)
     return np.asarray((vector * np.sqrt(np.maximum(value, 0.0))).T)
 
 
 def _left_out(error: FloatArray, without: Callable[[BoolArray], FloatArray]) -> FloatArray:
-    """Compute errors by calibrations without these data, a fifth at a time; by all data if the rest is too small.
+    """Compute errors by calibrations without the evaluated rows, a fifth of all rows at a time (cross-validation).
 
-    `error` (n,): by the calibration of all. `without`: function from kept rows (n,) to errors (n,).
+    With too few other rows, a row keeps its `error` (n,) by all data. `without`: from kept rows (n,) to errors (n,).
     """
     error = error.copy()
     for fold in range(FOLDS):

@@ -1,4 +1,4 @@
-"""Calibration of three sensors by least squares, and of accelerometers by gravity, of equal magnitude in every pose.
+"""Least-squares analysis of a sensor triad, and calibration of accelerometers by the magnitude of gravity in all poses.
 
 References
 ----------
@@ -22,50 +22,50 @@ from insnav.imu.specification import zero_matrix, zeros
 from insnav.types import FloatArray
 
 AXES = ("x", "y", "z")
-WEAK = 0.35  # share of a parameter in the weakest direction from which it is reported
-PARAMETERS = 9
+WEAK = 0.35  # parameters with a larger weight in the least determined combination are reported
+PARAMETERS = 9  # biases and lower triangular sensitivity of three accelerometers
 _ROW, _COLUMN = np.tril_indices(3)
 NAMES = tuple(f"bias {a}" for a in AXES) + tuple(
     f"scale {AXES[i]}" if i == j else f"misalignment {AXES[i]}{AXES[j]}" for i, j in zip(_ROW, _COLUMN, strict=True)
 )
-WORST_CONDITION = 150.0  # beyond it, moving a pose by a degree changes the result by as much as the errors sought
+WORST_CONDITION = 150.0  # beyond it, moving a pose by a degree changes the result by as much as sensor errors
 
 
 @dataclass(frozen=True, slots=True)
 class Triad:
     """Bias and sensitivity of three sensors, ``measured = matrix @ true + bias``, and their standard deviations.
 
-    By default sensors without errors, in SI units.
+    The default is sensors without errors, in SI units.
     """
 
-    bias: FloatArray = field(default_factory=zeros)  # (3,) in the unit of the record
-    # (3, 3) unit of the record per m/s^2 or rad/s; a standard deviation of zero where the value is a definition
+    bias: FloatArray = field(default_factory=zeros)  # (3,) bias in the unit of the record
+    # (3, 3) unit of the record per m/s^2 or rad/s
     matrix: FloatArray = field(default_factory=partial(np.eye, 3))
     bias_sd: FloatArray = field(default_factory=zeros)
-    matrix_sd: FloatArray = field(default_factory=zero_matrix)
-    condition: float = 1.0  # condition number of the problem with its columns scaled to unit length
+    matrix_sd: FloatArray = field(default_factory=zero_matrix)  # zero for elements fixed by definition
+    condition: float = 1.0  # condition number of the least-squares problem, columns scaled to unit length
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MultiPosition:
-    """Common results of all calibrations without a table."""
+    """Results that all calibrations without a table have."""
 
-    accel: Triad  # in the unit of the record per SI unit
+    accel: Triad  # both triads: unit of the record per SI unit
     gyro: Triad
-    # (3, 3) part of the gyros' output that goes with the specific force [unit of the record per m/s^2]
+    # (3, 3) change of gyro output per specific force [unit of the record per m/s^2]
     g_sensitivity: FloatArray
     g_sensitivity_sd: FloatArray
     g: float  # gravity used [m/s^2]
-    # (n,) magnitude of specific force minus gravity in each position [m/s^2], calibrated and before. Raw units: before
-    # is with one bias and sensitivity for all axes
+    # (n,) magnitude of specific force minus gravity in each position [m/s^2], before and after calibration. Raw units
+    # are first converted with one sensitivity for all axes
     norm_before: FloatArray
     norm_after: FloatArray
-    clipped: int  # samples at the end of the range
+    clipped: int  # number of samples at the end of the range
     counts: bool  # the record is in raw units
 
 
 def corrected(triad: Triad, measured: FloatArray) -> FloatArray:
-    """True values of measured ones: ``inverse(matrix) @ (measured - bias)``.
+    """Correct measured values: ``inverse(matrix) @ (measured - bias)``.
 
     `measured` (n, 3): in the unit of the record. Returns (n, 3): in SI units.
     """
@@ -80,9 +80,9 @@ class Normal:
     inverse: FloatArray
     leverage: FloatArray  # (m,) share of each residual in its own prediction; the sum is the number of parameters
     condition: float  # condition number with columns of unit length; infinite if singular
-    weak: tuple[int, ...]  # parameters that make up the least determined combination
-    direction: FloatArray  # (p,) that combination, in scaled parameters
-    scale: FloatArray  # (p,) lengths of the columns
+    weak: tuple[int, ...]  # parameters with large weight in the least determined combination
+    direction: FloatArray  # (p,) weights of all parameters in this combination, in scaled parameters
+    scale: FloatArray  # (p,) lengths of the columns of the Jacobian
 
 
 def normal(jacobian: FloatArray) -> Normal:
@@ -92,17 +92,17 @@ def normal(jacobian: FloatArray) -> Normal:
     """
     scale = np.linalg.norm(jacobian, axis=0)
     scale = np.where(scale > 0.0, scale, 1.0)
-    left, size, right = np.linalg.svd(jacobian / scale, full_matrices=False)
-    full = jacobian.shape[0] >= jacobian.shape[1]
-    condition = float(size[0] / size[-1]) if full and size[-1] > 1e-12 * size[0] else np.inf
+    left, singular, right = np.linalg.svd(jacobian / scale, full_matrices=False)
+    enough_rows = jacobian.shape[0] >= jacobian.shape[1]
+    condition = float(singular[0] / singular[-1]) if enough_rows and singular[-1] > 1e-12 * singular[0] else np.inf
     share = np.abs(right[-1])
     weak = tuple(int(i) for i in np.argsort(-share) if share[i] > WEAK)
-    inverse = (right.T / np.maximum(size, 1e-12 * size[0]) ** 2) @ right / np.outer(scale, scale)
+    inverse = (right.T / np.maximum(singular, 1e-12 * singular[0]) ** 2) @ right / np.outer(scale, scale)
     return Normal(inverse, np.sum(left**2, axis=1), condition, weak, right[-1], scale)
 
 
 def directions() -> FloatArray:
-    """26 directions evenly over the sphere: axes, halfway between two, halfway between three, (26, 3)."""
+    """Return 26 directions over the sphere, (26, 3): axes, midway between two axes, midway between three axes."""
     points = np.array([point for point in itertools.product((-1.0, 0.0, 1.0), repeat=3) if any(point)])
     return np.asarray(points / np.linalg.norm(points, axis=1)[:, None])
 
@@ -124,38 +124,38 @@ def pose_words(direction: FloatArray) -> tuple[str, ...]:
 class GravityFit:
     """Calibrated accelerometers with their gravity errors."""
 
-    # lower triangular sensitivity: body x is the sensitive axis of accelerometer x, body y is in the plane of both
-    # sensitive axes
+    # lower triangular sensitivity: body x is the sensitive axis of accelerometer x, body y is in the plane of
+    # the sensitive axes x and y
     triad: Triad
-    covariance: FloatArray  # (9, 9) of bias x, y, z and the lower triangle of the matrix by rows
+    covariance: FloatArray  # (9, 9) covariance of bias x, y, z and the lower triangle of the matrix by rows
     error: FloatArray  # (n,) length of the corrected specific force minus gravity in each pose [m/s^2]
-    sd: float  # standard deviation of one such error, from their scatter [m/s^2]
-    normal: Normal  # analysis of the determination by the poses
+    sd: float  # standard deviation of `error`, from its scatter [m/s^2]
+    normal: Normal  # shows how well the poses determine the parameters
 
 
 def sphere(force: FloatArray, g: float) -> Triad:
-    """Bias and one sensitivity for all axes: the sphere through the poses by linear least squares.
+    """Estimate biases and one sensitivity for all axes, by linear least squares: a sphere through the poses.
 
-    ``|c|^2 = 2 b.c + (k^2 g^2 - |b|^2)``, linear in the bias b and the term in brackets.
+    Output c: ``|c|^2 = 2 b.c + (k^2 g^2 - |b|^2)``, linear in the bias b and in the term with the sensitivity k.
 
     `force` (n, 3): mean of each pose in the unit of the record. `g`: gravity [m/s^2]. Raises: InputError: the poses do
     not lie around a sphere.
     """
     middle = force.mean(axis=0)
-    size = float(np.abs(force - middle).max()) or 1.0  # counts around 32768 would cost half the digits
-    x = (force - middle) / size
+    half_range = float(np.abs(force - middle).max()) or 1.0  # unscaled counts around 32768 would lose half the digits
+    x = (force - middle) / half_range
     solution, _, rank, singular = np.linalg.lstsq(
         np.column_stack((2.0 * x, np.ones(len(x)))), np.sum(x * x, axis=1), rcond=None
     )
     square = float(solution[3] + solution[:3] @ solution[:3])
     if rank < 4 or singular[-1] < 1e-3 * singular[0] or square <= 0.0:
         raise InputError("lab.poses_in_plane")
-    scale = size * float(np.sqrt(square)) / g
-    return Triad(middle + size * solution[:3], scale * np.eye(3))
+    scale = half_range * float(np.sqrt(square)) / g
+    return Triad(middle + half_range * solution[:3], scale * np.eye(3))
 
 
 def packed(triad: Triad) -> FloatArray:
-    """Nine parameters of accelerometers: bias, lower triangle by rows."""
+    """Return the nine parameters of accelerometers: bias, and lower triangle of the matrix by rows."""
     return np.concatenate((triad.bias, triad.matrix[_ROW, _COLUMN]))
 
 
@@ -166,17 +166,17 @@ def _matrix(parameters: FloatArray) -> FloatArray:
 
 
 def unpacked(parameters: FloatArray) -> Triad:
-    """Inverse of `packed`, without standard deviations."""
+    """Convert nine parameters to a triad without standard deviations: the inverse of `packed`."""
     return Triad(parameters[:3], _matrix(parameters))
 
 
 def norm_error(triad: Triad, force: FloatArray, g: float) -> FloatArray:
-    """Length of the corrected specific force minus gravity, (n,) [m/s^2]."""
+    """Compute the magnitude of the corrected specific force minus gravity, (n,) [m/s^2]."""
     return np.asarray(np.linalg.norm(corrected(triad, force), axis=1) - g)
 
 
 def norm_jacobian(parameters: FloatArray, force: FloatArray) -> FloatArray:
-    """Derivative of `norm_error` by the nine parameters, (n, 9).
+    """Compute the derivative of `norm_error` by the nine parameters, (n, 9).
 
     With ``c = M f + b`` and u along f: ``d|f| = u . df``, ``df = -inv(M) (dM f + db)``.
     """
@@ -187,7 +187,7 @@ def norm_jacobian(parameters: FloatArray, force: FloatArray) -> FloatArray:
 
 
 def fit_gravity_norm(force: FloatArray, g: float, start: Triad) -> GravityFit:
-    """Calibrate accelerometers by the length of gravity.
+    """Calibrate accelerometers by the known magnitude of gravity.
 
     `force` (n, 3): mean of each pose in the unit of the record. `g`: gravity [m/s^2]. `start`: first guess: `Triad()`
     for SI, `sphere` for counts. Raises: InputError: too few poses, or poses that leave a parameter undetermined.
@@ -195,27 +195,27 @@ def fit_gravity_norm(force: FloatArray, g: float, start: Triad) -> GravityFit:
     n = force.shape[0]
     if n <= PARAMETERS:
         raise InputError("lab.few_poses", count=n, parameters=PARAMETERS)
-    before = normal(norm_jacobian(packed(start), force))
-    _refuse_singular(before, g)
-    # lengths of the columns as the unit of each parameter: biases in counts are 1e4, misalignments 1e-4
-    done = least_squares(
+    initial = normal(norm_jacobian(packed(start), force))
+    _refuse_singular(initial, g)
+    # scaled by the lengths of the columns, since biases in counts are 1e4 and misalignments 1e-4
+    solution = least_squares(
         lambda p: norm_error(unpacked(p), force, g),
         packed(start),
         jac=lambda p: norm_jacobian(p, force),
         method="lm",
-        x_scale=1.0 / before.scale,
+        x_scale=1.0 / initial.scale,
         xtol=1e-14,
         ftol=1e-14,
         gtol=1e-14,
     )
-    determined = normal(norm_jacobian(done.x, force))
+    determined = normal(norm_jacobian(solution.x, force))
     _refuse_singular(determined, g)
-    error = norm_error(unpacked(done.x), force, g)
+    error = norm_error(unpacked(solution.x), force, g)
     sd = float(np.sqrt(error @ error / (n - PARAMETERS)))
     covariance = determined.inverse * sd**2
     deviation = np.sqrt(np.diag(covariance))
-    found = unpacked(done.x)
-    triad = Triad(found.bias, found.matrix, deviation[:3], _matrix(deviation), determined.condition)
+    fitted = unpacked(solution.x)
+    triad = Triad(fitted.bias, fitted.matrix, deviation[:3], _matrix(deviation), determined.condition)
     return GravityFit(triad, covariance, error, sd, determined)
 
 
@@ -227,12 +227,12 @@ def _refuse_singular(determined: Normal, g: float) -> None:
 
 
 def missing_pose(determined: Normal, g: float) -> tuple[str, ...]:
-    """Name the pose that would show most of the least determined combination of parameters.
+    """Name the additional pose that best determines the least determined combination of parameters.
 
-    `determined`: by the poses so far. `g`: gravity [m/s^2].
+    `determined`: analysis of the present poses. `g`: gravity [m/s^2].
     """
     candidates = directions()
-    # as if the sensors were perfect: a few percent do not change which pose is missing
+    # perfect sensors are assumed, since errors of a few percent do not change the result
     rows = norm_jacobian(packed(Triad()), g * candidates)
     rows /= np.linalg.norm(rows, axis=0)
     return pose_words(candidates[int(np.argmax(np.abs(rows @ determined.direction)))])

@@ -3,7 +3,7 @@
 A filter cannot represent flicker noise: a first-order Gauss-Markov process replaces the bias instability. Its Allan
 deviation peaks at 1.89 correlation times with 0.617 of its standard deviation (0.437 q sqrt(T) with sd = q sqrt(T / 2);
 IEEE Std 952-1997, annex C, exponentially correlated noise). If the fit contains such a process, its values are used. If
-the fit has a flat floor, the peak is placed on the floor. The file does not contain the floor as flicker noise, too:
+the fit has a flat floor, the peak is placed on the floor. The file then omits the floor as flicker noise, because
 simulations would have the bias instability twice.
 
 Quantisation and rate ramp go into the file for simulations; filters ignore them.
@@ -29,9 +29,9 @@ from insnav.lab.noise.allan import AllanDeviation, EvenRecord, NoiseModel, Sinus
 from insnav.types import BoolArray, FloatArray, ImuData
 from insnav.units import DEG
 
-PEAK_TIME = 1.8926  # of the Gauss-Markov Allan deviation, in correlation times
-PEAK = 0.61736  # its height, in standard deviations
-KEYS = {term.allan: term.key for term in terms_of("gyro") if term.allan}  # of the IMU file, by coefficient
+PEAK_TIME = 1.8926  # averaging time at the peak of the Allan deviation of a Gauss-Markov process, in correlation times
+PEAK = 0.61736  # height of this peak, in standard deviations of the process
+KEYS = {term.allan: term.key for term in terms_of("gyro") if term.allan}  # by coefficient: key of the IMU file
 FLOOR_FREEDOM = 10.0  # least degrees of freedom of a floor
 
 
@@ -41,16 +41,16 @@ class Floor:
 
     value: float  # in the unit of the signal
     tau: float  # averaging time [s]
-    reached: bool  # the curve stays at or above it for longer times; False: it is still falling
+    reached: bool  # True: the curve does not fall further at longer times; False: it is still falling
 
 
 def floor_of(allan: AllanDeviation, column: int, model: NoiseModel) -> Floor:
-    """Find the lowest point with at least ten degrees of freedom.
+    """Find the lowest point of an Allan deviation with at least ten degrees of freedom.
 
-    `column`: which axis. `model`: for the degrees of freedom, and whether anything but falling terms was found.
+    `column`: axis. `model`: its degrees of freedom are used, and whether it has terms that do not fall with time.
     """
-    known = np.flatnonzero(model.freedom >= FLOOR_FREEDOM)
-    rows = known if known.size else np.arange(1)
+    reliable = np.flatnonzero(model.freedom >= FLOOR_FREEDOM)
+    rows = reliable if reliable.size else np.arange(1)
     row = int(rows[np.argmin(allan.deviation[rows, column])])
     reached = any(name in model.coefficients for name in ("B", "GM", "K", "R"))
     return Floor(float(allan.deviation[row, column]), float(allan.tau[row]), reached)
@@ -61,18 +61,18 @@ def imu_spec(
 ) -> tuple[ImuSpec, tuple[Finding, ...]]:
     """Build the IMU specification for a filter from the noise of six axes.
 
-    `allan`: columns gyro x, y, z, accelerometer x, y, z. `models`: one for each; None for an axis without any noise.
+    `allan`: columns gyro x, y, z, accelerometer x, y, z. `models`: one per axis; None for an axis without any noise.
     `name`, `source`: for the file. Returns spec: random walk, bias instability with its correlation time, rate random
     walk, and to simulate quantisation and rate ramp. Turn-on bias, scale factor and misalignment are absent: one record
-    at rest does not show them; notes: how each figure came about.
+    at rest does not show them; notes: origin of each figure.
     """
     notes: list[Finding] = []
     absent: list[str] = []
     sensors = []
     for first, sensor in ((0, "gyro"), (3, "accel")):
-        spec, missing, how = _sensor(allan, models[first : first + 3], first, sensor)
+        spec, missing, reasons = _sensor(allan, models[first : first + 3], first, sensor)
         sensors.append(spec)
-        notes += how
+        notes += reasons
         absent += [f"{sensor}.{key}" for key in ("bias", "scale_factor", "misalignment", *missing)]
     notes.append(Finding.of(Code.ALLAN_UNSEEN))
     return ImuSpec(name, sensors[0], sensors[1], None, source, tuple(absent)), tuple(notes)
@@ -87,12 +87,12 @@ def _sensor(
     for axis, model in enumerate(models):
         if model is None:
             continue
-        sd, time, how = _process(allan, first + axis, model)
+        sd, time, reason = _process(allan, first + axis, model)
         instability[axis] = sd
         if sd > 0.0:
             times.append(time)
-        notes += about(f"{sensor} {'xyz'[axis]}", (how,))
-    # the in-run bias is a process for the filter, below
+        notes += about(f"{sensor} {'xyz'[axis]}", (reason,))
+    # below, a Gauss-Markov process for the filter represents the bias instability
     spec = SensorSpec(**{key: _values(models, name) for name, key in KEYS.items() if key != "bias_instability"})
     missing = [] if spec.random_walk.any() else ["random_walk"]
     if not instability.any():
@@ -103,7 +103,7 @@ def _sensor(
 
 
 def _process(allan: AllanDeviation, column: int, model: NoiseModel) -> tuple[float, float, Finding]:
-    """Compute sd and correlation time of the process for the bias instability, with the reason."""
+    """Compute sd and correlation time [s] of the Gauss-Markov process for the bias instability, with the reason."""
     if "GM" in model.coefficients:
         time = model.correlation_time
         return (model.coefficients["GM"].value, time, Finding.of(Code.ALLAN_BIAS_PROCESS, correlation_time_s=time))
@@ -122,44 +122,44 @@ def _values(models: tuple[NoiseModel | None, ...], name: str) -> FloatArray:
 
 
 def temperature_correlation(values: FloatArray, temperature: FloatArray) -> FloatArray:
-    """Correlation of each column with temperature over means of sixty equal parts of the record.
+    """Compute the correlation of each column with temperature, over means of sixty equal parts of the record.
 
-    values (n, c). `temperature` (n,): [deg C]. Returns (c,): zero where nothing varies.
+    `values` (n, c). `temperature` (n,): [deg C]. Returns (c,): zero for a constant column.
     """
     bins = 60
     length = len(values) // bins
-    parts = np.column_stack([values, temperature])[: bins * length].reshape(bins, length, -1).mean(axis=1)
-    parts -= parts.mean(axis=0)
-    size = np.linalg.norm(parts, axis=0)
+    means = np.column_stack([values, temperature])[: bins * length].reshape(bins, length, -1).mean(axis=1)
+    means -= means.mean(axis=0)
+    norm = np.linalg.norm(means, axis=0)
     with np.errstate(divide="ignore", invalid="ignore"):
-        correlation = parts[:, :-1].T @ parts[:, -1] / (size[:-1] * size[-1])
+        correlation = means[:, :-1].T @ means[:, -1] / (norm[:-1] * norm[-1])
     return np.asarray(np.nan_to_num(correlation))
 
 
-COARSE = 0.5  # reported step size relative to the scatter of the samples
-MISFIT = 0.1  # reported relative misfit of the variance
-WARMING = 1.0  # [deg C]
-TURNS, PUSHES = 3.0 * DEG, 0.5  # changes of the mean over a second beyond drift: motion [rad/s], [m/s^2]
-FOLLOWS = 0.5  # reported correlation with temperature
+COARSE = 0.5  # larger resolution steps, relative to the sd of the samples, are reported
+MISFIT = 0.1  # larger relative misfits of the Allan variance are reported
+WARMING = 1.0  # larger temperature changes are reported [deg C]
+TURNS, PUSHES = 3.0 * DEG, 0.5  # larger changes of the mean over a second are motion, not drift [rad/s], [m/s^2]
+FOLLOWS = 0.5  # larger correlations with temperature are reported
 
 
 @dataclass(frozen=True, slots=True)
 class SignalNoise:
-    """Noise of signals at even steps."""
+    """Noise of evenly sampled signals."""
 
     allan: AllanDeviation  # a column for each signal
-    models: tuple[NoiseModel | None, ...]  # one for each, at the times of `allan`; None for one that never changes
-    # without the sinusoids, at the times of the model fit, independent of the times of `allan`
+    models: tuple[NoiseModel | None, ...]  # one per signal, at the times of `allan`; None for a constant signal
+    # input of the model fit: deviations without the sinusoids, at default averaging times
     fitted: AllanDeviation
 
 
 @dataclass(frozen=True, slots=True)
 class StaticNoise:
-    """Noise of six axes."""
+    """Noise of the six axes of an IMU at rest."""
 
     allan: AllanDeviation  # columns gyro x, y, z, accelerometer x, y, z
-    models: tuple[NoiseModel | None, ...]  # one for each axis; None for one without any noise
-    floors: tuple[Floor | None, ...]  # likewise
+    models: tuple[NoiseModel | None, ...]  # one per axis; None for an axis without any noise
+    floors: tuple[Floor | None, ...]  # one per axis; None for an axis without any noise
     spec: ImuSpec  # for filters and simulations
     notes: tuple[Finding, ...]  # findings on the origin of the figures of `spec`
     warnings: tuple[Finding, ...]  # possible problems of the record or the models
@@ -173,49 +173,49 @@ def signal_noise(
     workers: int | None = None,
     progress: Callable[[float], None] = lambda fraction: None,
 ) -> SignalNoise:
-    """Allan deviation and noise coefficients of signals.
+    """Compute Allan deviations and noise coefficients of signals.
 
     `values` (n, c): at even steps, a column for each signal, such as rates [rad/s] or specific forces [m/s^2].
     `interval`: step [s]. `taus`: averaging times [s], see `averaging_factors`.
-    Raises: ConfigError: averaging times that the signals do not hold.
+    Raises: ConfigError: averaging times that are too long for the signals.
     """
-    factors, every = (
+    factors, default = (
         noise.averaging_factors(len(values), interval, taus),
         noise.averaging_factors(len(values), interval),
     )
     allan = noise.allan_deviation(values, interval, factors, workers)
-    fitted = allan if np.array_equal(every, factors) else noise.allan_deviation(values, interval, every, workers)
-    quiet = np.ptp(values, axis=0) == 0.0
-    lines = [() if still else _seen(values[:, i], fitted, i) for i, still in enumerate(quiet)]
-    fitted = _without(values, lines, fitted, workers)
+    fitted = allan if np.array_equal(default, factors) else noise.allan_deviation(values, interval, default, workers)
+    constant = np.ptp(values, axis=0) == 0.0
+    sinusoids = [() if silent else _seen(values[:, i], fitted, i) for i, silent in enumerate(constant)]
+    fitted = _without(values, sinusoids, fitted, workers)
     models: list[NoiseModel | None] = []
-    for column, still in enumerate(quiet):
+    for column, silent in enumerate(constant):
         progress(column / values.shape[1])
-        model = None if still else replace(noise.fit_noise(fitted, column), sinusoids=lines[column])
+        model = None if silent else replace(noise.fit_noise(fitted, column), sinusoids=sinusoids[column])
         models.append(None if model is None else evaluated(model, allan, column))
     return SignalNoise(allan, tuple(models), fitted)
 
 
 def _seen(values: FloatArray, allan: AllanDeviation, column: int) -> tuple[Sinusoid, ...]:
-    """Find the lines of a signal that affect its Allan deviation."""
+    """Find the sinusoids of a signal that noticeably affect its Allan deviation."""
     variance = noise.SEEN * allan.deviation[:, column] ** 2
-    found = noise.find_sinusoids(values, allan.interval)
-    return tuple(line for line in found if np.any(line.variance(allan.tau, allan.interval) > variance))
+    sinusoids = noise.find_sinusoids(values, allan.interval)
+    return tuple(line for line in sinusoids if np.any(line.variance(allan.tau, allan.interval) > variance))
 
 
 def _without(
     values: FloatArray, lines: Sequence[tuple[Sinusoid, ...]], allan: AllanDeviation, workers: int | None
 ) -> AllanDeviation:
-    """Compute deviations after removal of each signal's lines."""
-    shaken = [column for column, each in enumerate(lines) if each]
-    if not shaken:
+    """Compute Allan deviations after removal of each signal's sinusoids."""
+    affected = [column for column, sinusoids in enumerate(lines) if sinusoids]
+    if not affected:
         return allan
-    left, time = values[:, shaken], np.arange(len(values), dtype=np.float64) * allan.interval
-    for place, column in enumerate(shaken):
+    cleaned, time = values[:, affected], np.arange(len(values), dtype=np.float64) * allan.interval
+    for k, column in enumerate(affected):
         for line in lines[column]:
-            left[:, place] -= line.at(time)
+            cleaned[:, k] -= line.at(time)
     deviation = allan.deviation.copy()
-    deviation[:, shaken] = noise.allan_deviation(left, allan.interval, allan.factors, workers).deviation
+    deviation[:, affected] = noise.allan_deviation(cleaned, allan.interval, allan.factors, workers).deviation
     return replace(allan, deviation=deviation)
 
 
@@ -228,17 +228,18 @@ def static_noise(
     workers: int | None = None,
     progress: Callable[[float], None] = lambda fraction: None,
 ) -> StaticNoise:
-    """Analyse a record at rest.
+    """Analyse the noise of a stationary record.
 
-    Raises: InputError: the record is too short, or not at rest; ConfigError: averaging times that it does not hold.
+    Raises: InputError: the record is too short, or not stationary; ConfigError: averaging times that are too long.
     """
     values = np.hstack([imu.gyro, imu.accel])
     absent: BoolArray = np.asarray(np.isnan(values).all(axis=0))  # sensors absent from the record
-    there = np.flatnonzero(~absent)
-    stand_in = [next((k for k in (i, *there) if not absent[k] and k // 3 == i // 3), i) for i in range(6)]
-    still, filled = (
+    present = np.flatnonzero(~absent)
+    # for each axis: itself, or the first present axis of the same triad
+    stand_in = [next((k for k in (i, *present) if not absent[k] and k // 3 == i // 3), i) for i in range(6)]
+    still, filled = (  # absent sensors replaced by zeros, and by the values of a present axis
         replace(imu, gyro=np.where(absent[:3], fill, imu.gyro), accel=np.where(absent[3:], fill, imu.accel))
-        for fill in (0.0, values[:, there[:1]])
+        for fill in (0.0, values[:, present[:1]])
     )
     record = noise.even_record(still)
     _refuse_motion(record)
@@ -249,24 +250,24 @@ def static_noise(
     floors = tuple(None if m is None else floor_of(found.fitted, i, m) for i, m in enumerate(at_fit))
     fitted = replace(found.fitted, deviation=found.fitted.deviation[:, stand_in])
     spec, notes = imu_spec(fitted, tuple(at_fit[i] for i in stand_in), name, source)
-    missing = {axis: noise.AXES[i] for axis, i, none in zip(noise.AXES, stand_in, absent, strict=True) if none}
+    missing = {axis: noise.AXES[i] for axis, i, lacking in zip(noise.AXES, stand_in, absent, strict=True) if lacking}
     replaced = [axis for axis, other in missing.items() if axis != other]
     others = {"others": tuple(dict.fromkeys(missing[axis] for axis in replaced))}
     notes = (*(each for each in notes if each.subject not in missing), *_of_axes(Code.ALLAN_ALIKE, replaced, **others))
     warnings = (*record.notes, *_of_record(filled, record), *_of_models(found.models, floors, record, missing))
     warnings = tuple(each for each in warnings if each.subject not in missing)
-    shown = replace(found.allan, deviation=np.where(absent, np.nan, found.allan.deviation))
-    return StaticNoise(shown, found.models, floors, spec, notes, warnings)
+    measured = replace(found.allan, deviation=np.where(absent, np.nan, found.allan.deviation))
+    return StaticNoise(measured, found.models, floors, spec, notes, warnings)
 
 
 def _refuse_motion(record: EvenRecord) -> None:
-    """Refuse motion, which is not noise."""
-    size = max(1, round(1.0 / record.interval))
-    count = len(record.values) // size
+    """Refuse a record with motion."""
+    samples = max(1, round(1.0 / record.interval))
+    count = len(record.values) // samples
     if count < 2:
         return
-    seconds = record.values[: count * size].reshape(count, size, -1).mean(axis=1)
-    # single knocks remain visible in the figure
+    seconds = record.values[: count * samples].reshape(count, samples, -1).mean(axis=1)
+    # quantiles tolerate single knocks, which are visible in the figure
     span = np.quantile(seconds, 0.95, axis=0) - np.quantile(seconds, 0.05, axis=0)
     moved = [noise.AXES[i] for i in range(len(noise.AXES)) if span[i] > (TURNS if i < 3 else PUSHES)]
     if moved:
@@ -274,7 +275,7 @@ def _refuse_motion(record: EvenRecord) -> None:
 
 
 def _of_record(imu: ImuData, record: EvenRecord) -> list[Finding]:
-    """Report unusual properties of the samples."""
+    """Report damaged samples, coarse resolution, temperature changes, and axes that correlate with temperature."""
     warnings = [
         Finding.of(Code.ALLAN_DAMAGED, subject=subject, count=count, what=code.value)
         for (code, subject), count in Counter((event.code, event.subject) for event in inspect(imu)[1]).items()
@@ -298,7 +299,7 @@ def _of_record(imu: ImuData, record: EvenRecord) -> list[Finding]:
 def _of_models(
     models: tuple[NoiseModel | None, ...], floors: tuple[Floor | None, ...], record: EvenRecord, missing: Container[str]
 ) -> list[Finding]:
-    """Report model errors, and missing noise terms of the sensors that are not `missing`."""
+    """Report poor models, unreached floors, silent axes, sinusoids and ramps; not of axes in `missing`."""
     short = [noise.AXES[i] for i, floor in enumerate(floors) if floor is not None and not floor.reached]
     known = {axis: model for axis, model in zip(noise.AXES, models, strict=True) if model is not None}
     misfit = {axis: 0.5 * model.misfit for axis, model in known.items() if model.misfit > MISFIT}

@@ -1,12 +1,12 @@
 """Bench files of one sensor at a time, and scale factor and zero of a gyro on a rate table.
 
-The output is in volts, counts, or in the unit of the input. For volts and counts the calibration file contains a line
-(`insnav.imu.model`), otherwise a bias and a scale factor.
+The output is in volts, counts, or in the unit of the input. For volts and counts the calibration file contains zero and
+scale (`insnav.imu.model.RawScale`), otherwise a bias and a scale factor.
 
-The line through the output excludes saturated rates: U = U0 + K w + v, with output U and table rate w. A sensor leaves
-the line at the ends of its range first, so the line grows from the middle outwards. A rate is included if it agrees
-with the line through the previous rates. After the first disagreement, all rates beyond on that side are dropped. A
-line with a corner detects a remaining bend at an end, where each rate deviates by less than its noise.
+A line fits output U over table rate w, U = U0 + K w + v with noise v, without saturated rates. A sensor leaves the line
+at the ends of its range first, so the fit begins with the inner rates and grows outwards. A rate is included if it
+agrees with the line through the previous rates. After the first disagreement, all larger rates on that side are
+dropped. A line with a corner then detects a bend at an end in which each rate deviates by less than its noise.
 """
 
 from __future__ import annotations
@@ -31,12 +31,12 @@ from insnav.lab.calibration import STANDARD, BenchOptions, Calibration, Calibrat
 from insnav.types import BoolArray, FloatArray, IntArray
 from insnav.units import DEG, UNITS
 
-FALSE_ALARM = 0.01  # probability of dropping anything from a record without saturation
-SOFT = 0.05  # the same for a bend at an end; with less, the interval of K seldom contains the truth at a bend
-BENT = 3  # largest number of bent outer rates on a side
-FEWEST = 5  # rates for a line with uncertainty
+FALSE_ALARM = 0.01  # probability of dropping a rate from a record without saturation
+SOFT = 0.05  # the same for a bend at an end; with less, missed bends would make the interval of K too narrow
+BENT = 3  # largest number of outer rates on a side that may be bent
+FEWEST = 5  # least number of rates for a line with uncertainty
 NAMES = ("zero U0", "scale factor K")
-USUAL_RATES = 10  # ± 10, 20, 40, 60, 80 deg/s
+USUAL_RATES = 10  # usual number of rates: ± 10, 20, 40, 60, 80 deg/s
 SCHEMA = schema("rate_table")
 
 
@@ -44,9 +44,9 @@ SCHEMA = schema("rate_table")
 class Record:
     """Bench file of one sensor, reduced to one output per dwell."""
 
-    table: BenchTable  # as read
+    table: BenchTable  # table of the file, as read
     dwells: Dwells  # setting [rad/s] or [rad], output in `unit`
-    unit: str  # of the output
+    unit: str  # unit of the output
     warnings: tuple[Finding, ...]
 
     @property
@@ -82,7 +82,7 @@ def read_records(
 def read_record(path: str | Path | Table, schema: Sequence[Quantity], how: BenchOptions = STANDARD) -> Record:
     """Read the file of one sensor.
 
-    `path`: columns of setting and output; several successive rows of one setting are the samples of a dwell. `schema`:
+    `path`: columns of setting and output. Successive rows with the same setting are the samples of a dwell. `schema`:
     setting, raw output, output in the unit of the input. `how`: columns and limit of spikes. Raises: InputError: the
     file cannot be used.
     """
@@ -104,11 +104,11 @@ def refuse_unit(record: Record, scale: float) -> None:
 
 
 class Fitted(Protocol):
-    """Common part of a method's results for one sensor: zero and scale factor first."""
+    """Result of a method for one sensor, of any type: its fit has zero and scale factor as first parameters."""
 
     @property
     def fit(self) -> Fit:
-        """Fit of its parameters."""
+        """Fit of the parameters: zero, scale factor, and further ones of the method."""
 
 
 F = TypeVar("F", bound=Fitted)
@@ -125,49 +125,49 @@ def triad_calibration(
 ) -> Calibration[tuple[Record, ...], tuple[F, ...]]:
     """Build the calibration of zero and scale factor of sensors x, y, z, or of one sensor for all.
 
-    `found`: of each, scale factors for a setting of `per` [rad/s] or [m/s^2]. `per_units`: denominator of each
-    parameter's unit after the output unit. `by_sensor`: warnings of the method.
+    `found`: result of each sensor, with the scale factor as output per `per` [rad/s] or [m/s^2]. `per_units`: text
+    after the output unit in the unit of each parameter. `by_sensor`: warnings of the method for each sensor.
     """
     names = ("x", "y", "z") if len(record) == 3 else ("sensor",)
     fits = {name: item.fit for name, item in zip(names, found, strict=True)}
     value, sd = (np.array([getattr(fit, key)[:2] for fit in fits.values()]) for key in ("value", "sd"))
     (zero, scale), (zero_sd, scale_sd) = (np.array(each if len(each) == 3 else [each[0]] * 3).T for each in (value, sd))
-    unit, size = record[0].unit, np.abs(scale)
-    known: dict[str, Any]
+    unit, gain = record[0].unit, np.abs(scale)
+    known_errors: dict[str, Any]
     if record[0].raw:
-        known = {f"{sensor}_raw": RawScale(unit, zero, scale / per)}
+        known_errors = {f"{sensor}_raw": RawScale(unit, zero, scale / per)}
     else:
         si = UNITS[unit][1]
-        known = {f"{sensor}_bias": zero * si, f"{sensor}_matrix": np.diag(scale / (per / si))}
-    spread: dict[str, Any] = {f"{sensor}_bias": zero_sd / size * per, f"{sensor}_matrix": np.diag(scale_sd / size)}
-    full = {name: f"{sensor} {name}" if len(record) == 3 else sensor for name in names}
-    both = zip(full.values(), record, by_sensor, strict=True)
-    own = [each for name, item, more in both for each in calibration.about(name, (*item.warnings, *more))]
-    one = (Finding.of(Code.BENCH_ONE_SENSOR, subject=sensor),) * (len(record) == 1)
-    warnings = (*own, *calibration.badly_conditioned({full[name]: fit for name, fit in fits.items()}), *one)
+        known_errors = {f"{sensor}_bias": zero * si, f"{sensor}_matrix": np.diag(scale / (per / si))}
+    spread: dict[str, Any] = {f"{sensor}_bias": zero_sd / gain * per, f"{sensor}_matrix": np.diag(scale_sd / gain)}
+    labels = {name: f"{sensor} {name}" if len(record) == 3 else sensor for name in names}
+    groups = zip(labels.values(), record, by_sensor, strict=True)
+    items = [each for name, item, extra in groups for each in calibration.about(name, (*item.warnings, *extra))]
+    single = (Finding.of(Code.BENCH_ONE_SENSOR, subject=sensor),) * (len(record) == 1)
+    warnings = (*items, *calibration.badly_conditioned({labels[name]: fit for name, fit in fits.items()}), *single)
     units = [f"{unit}{each}" for each in per_units]
     parameters = tuple(each for name, fit in fits.items() for each in calibration.fitted(fit, units, name))
-    errors, sd_of = ImuErrors(**known, name=how.name), CalibrationSd(**spread)
+    errors, sd_of = ImuErrors(**known_errors, name=how.name), CalibrationSd(**spread)
     return Calibration(sensor, errors, sd_of, parameters, fits, record, found, how, warnings)
 
 
 @dataclass(frozen=True, slots=True)
 class Dropped:
-    """Dropped rate, with the reason."""
+    """Rate that is dropped from the fit, with the reason."""
 
     rate: float  # rate of the table
     residual: float  # output minus line
-    limit: float  # largest residual by chance
+    limit: float  # largest residual that chance explains
     reason: Finding
 
 
 @dataclass(frozen=True, slots=True)
 class RateTable:
-    """Scale factor and zero of one gyro. Rates have their input unit."""
+    """Scale factor and zero of one gyro. Rates are in the unit of the input."""
 
     rate: FloatArray  # (n,) measured rates and outputs
     output: FloatArray
-    used: BoolArray  # (n,) rates in the fit
+    used: BoolArray  # (n,) True for rates in the fit
     fit: Fit  # zero and scale factor over all used rates
     # fits of positive and of negative rates alone, zero in both; None with fewer than three
     forward: Fit | None
@@ -178,10 +178,11 @@ class RateTable:
     def average(self) -> tuple[FloatArray, FloatArray] | None:
         """Mean zero and scale factor of both senses of rotation, with standard deviation, (2,) each.
 
-        Dwells at rest belong to both senses, so that the two are not independent.
+        Dwells at rest belong to both senses, so the two fits are correlated.
         """
         if self.forward is None or self.reverse is None:
             return None
+        # weights (2, n): zero and scale factor of the mean as linear functions of the outputs
         weights, squares, dof = np.zeros((2, self.rate.size)), 0.0, 0
         for fit, sense in ((self.forward, self.rate >= 0.0), (self.reverse, self.rate <= 0.0)):
             rows = self.used & sense
@@ -202,10 +203,10 @@ class RateTable:
 def calibrate_rate_table(
     rate: FloatArray, output: FloatArray, keep: tuple[float, float] | None = None, *, where: str = ""
 ) -> RateTable:
-    """Fit zero and scale factor.
+    """Fit zero and scale factor of one gyro to its outputs on a rate table.
 
-    `rate` (n,): rates of the table, in any unit. `output` (n,): output at each, in volts or counts. `keep`: smallest
-    and largest rate to use; by default saturated rates are found and left out.
+    `rate` (n,): rates of the table, in any unit. `output` (n,): output at each rate. `keep`: smallest and
+    largest rate to use; by default saturated rates are detected and dropped.
     Raises: InputError: too few rates, columns that seem to be exchanged, or a sensor that does not respond.
     """
     _refuse_nonsense(rate, output, where)
@@ -231,7 +232,7 @@ def calibrate_rate_table(
 
 
 def prediction_limit(fit: Fit, rate: float, probability: float) -> float:
-    """Compute the largest distance of a further measurement from the line by chance.
+    """Compute the largest distance between a line and a further measurement that chance explains.
 
     `fit`: a line, from `calibrate_rate_table`. `rate`: rate of the measurement. `probability`: of a larger distance,
     two-sided. Seber and Lee, Linear Regression Analysis, section 5.3.1.
@@ -247,23 +248,23 @@ def _line(rate: FloatArray, output: FloatArray, where: str) -> Fit:
 def _linear_part(rate: FloatArray, output: FloatArray, where: str) -> tuple[BoolArray, tuple[Dropped, ...]]:
     """Grow the line from the inner half of the rates outwards; drop rates from the first disagreement on."""
     order = np.argsort(np.abs(rate), kind="stable")
-    core = max(FEWEST, order.size // 2)
+    inner = max(FEWEST, order.size // 2)
     used = np.zeros(rate.size, dtype=np.bool_)
-    used[order[:core]] = True
+    used[order[:inner]] = True
     dropped: list[Dropped] = []
-    closed: dict[bool, float] = {}  # sense of rotation: the rate of the first disagreement
-    outer = order[core:]
+    closed: dict[bool, float] = {}  # by sense of rotation, True if positive: rate of the first disagreement
+    outer = order[inner:]
     for i in outer:
         sense = bool(rate[i] > 0.0)
         fit = _line(rate[used], output[used], where)
         residual = float(output[i] - fit.value @ [1.0, rate[i]])
         limit = prediction_limit(fit, float(rate[i]), FALSE_ALARM / outer.size)
-        if sense in closed:
+        if sense in closed:  # beyond the first disagreement on this side
             reason = Finding.of(Code.BENCH_RATE_BEYOND, setting=closed[sense])
         elif abs(residual) > limit:
             closed[sense] = float(rate[i])
-            weaker = residual * rate[i] * fit.value[1] < 0.0
-            code = Code.BENCH_RATE_SATURATED if weaker else Code.BENCH_RATE_NONLINEAR
+            falls_short = residual * rate[i] * fit.value[1] < 0.0
+            code = Code.BENCH_RATE_SATURATED if falls_short else Code.BENCH_RATE_NONLINEAR
             reason = Finding.of(code, residual_sigma=abs(residual) / fit.sigma)
         else:
             used[i] = True
@@ -277,51 +278,52 @@ def _linear_part(rate: FloatArray, output: FloatArray, where: str) -> tuple[Bool
 
 
 def _bent(rate: FloatArray, output: FloatArray, used: BoolArray) -> IntArray:
-    """Find outermost rates of one side at which the output falls short of the line; none if by chance.
+    """Find outermost rates of one side at which the output falls short of the line significantly; empty if none.
 
-    A corner at the last rate before them is fitted, and its slope tested by Student's t, one-sided. The least probable
-    of both sides and of 1 to `BENT` rates counts (Seber and Lee, section 4.3; about four independent tests).
+    A line with a corner before these rates is fitted. One-sided Student's t tests its change of slope. The most
+    significant of both sides and of 1 to `BENT` rates counts (about four independent tests; Seber and Lee, 4.3).
     """
     rows = np.flatnonzero(used)
     r, u = rate[rows], output[rows]
-    least, found = SOFT / 4.0, rows[:0]
+    smallest_p, bent = SOFT / 4.0, rows[:0]
     for side in (1.0, -1.0):
-        places = np.unique(side * r)[::-1]
-        for count in range(1, min(BENT, places.size - FEWEST) + 1):
-            beyond = np.maximum(side * r - places[count], 0.0)
+        distinct = np.unique(side * r)[::-1]
+        for count in range(1, min(BENT, distinct.size - FEWEST) + 1):
+            hinge = np.maximum(side * r - distinct[count], 0.0)
             try:
-                fit = linear_fit(np.column_stack((np.ones_like(r), r, beyond)), u, (*NAMES, "corner"))
+                fit = linear_fit(np.column_stack((np.ones_like(r), r, hinge)), u, (*NAMES, "corner"))
             except InputError:
                 continue
-            weaker = side * np.sign(fit.value[1]) * fit.value[2] / max(fit.sd[2], 1e-300)
-            if fit.dof >= FEWEST and (p := float(stdtr(fit.dof, weaker))) < least:
-                least, found = p, rows[beyond > 0.0]
-    return found
+            t = side * np.sign(fit.value[1]) * fit.value[2] / max(fit.sd[2], 1e-300)
+            if fit.dof >= FEWEST and (p := float(stdtr(fit.dof, t))) < smallest_p:
+                smallest_p, bent = p, rows[hinge > 0.0]
+    return bent
 
 
 def _spread(rate: FloatArray, output: FloatArray, fit: Fit) -> FloatArray:
-    """Compute the covariance of a line, with the doubt how many of the outer rates are bent.
+    """Compute the covariance of a line, including the uncertainty of how many outer rates are bent.
 
-    Each hypothesis has 0 to `BENT` rates a side that fall short by any amount. A side is straight with prior one half.
-    A line has the weight of Akaike's criterion, and its second moment about `fit` counts: Burnham and Anderson, Sociol.
-    Methods Res. 33 (2004) 261-304.
+    By each hypothesis, 0 to `BENT` rates of a side fall short by any amount. The prior probability of no bend on a side
+    is one half. The second moments of all lines about `fit` are averaged, with weights by Akaike's criterion: Burnham
+    and Anderson, Sociol. Methods Res. 33 (2004) 261-304.
     """
-    places, design = np.unique(rate), np.column_stack((np.ones_like(rate), rate))
+    distinct, design = np.unique(rate), np.column_stack((np.ones_like(rate), rate))
     floor = np.finfo(np.float64).eps ** 2 * float(output @ output)
     criteria, moments = [], []
     for low, high in product(range(BENT + 1), repeat=2):
-        bent = [*places[:low], *places[places.size - high :]]
-        if bent and places.size - len(bent) < FEWEST:
+        bent = [*distinct[:low], *distinct[distinct.size - high :]]
+        if bent and distinct.size - len(bent) < FEWEST:
             continue
         straight = ~np.isin(rate, bent)
         line = _line(rate[straight], output[straight], "")
         excess = (output - design @ line.value) * np.sign(rate * line.value[1])
-        rest = [line.residual, *(excess[rate == p] - min(excess[rate == p].mean(), 0.0) for p in bent)]
-        squares = max(float(np.sum(np.concatenate(rest) ** 2)), floor)
+        # a mean shortfall of a bent rate is free; its scatter and a mean excess are residuals
+        residuals = [line.residual, *(excess[rate == p] - min(excess[rate == p].mean(), 0.0) for p in bent)]
+        squares = max(float(np.sum(np.concatenate(residuals) ** 2)), floor)
         prior = np.log(BENT) * ((low == 0) + (high == 0))
         criteria.append((rate.size - 2) * np.log(squares) + 2.0 * (len(bent) - prior))
-        own = np.linalg.inv(design[straight].T @ design[straight]) * squares / (rate.size - 2 - len(bent))
-        moments.append(own + np.outer(line.value - fit.value, line.value - fit.value))
+        covariance = np.linalg.inv(design[straight].T @ design[straight]) * squares / (rate.size - 2 - len(bent))
+        moments.append(covariance + np.outer(line.value - fit.value, line.value - fit.value))
     weight = np.exp(-0.5 * (np.array(criteria) - min(criteria)))
     return np.asarray(np.average(moments, axis=0, weights=weight))
 
@@ -333,8 +335,8 @@ def _dropped(rate: float, output: float, fit: Fit, probability: float, reason: F
 
 def _refuse_nonsense(rate: FloatArray, output: FloatArray, where: str) -> None:
     if not (np.isfinite(rate).all() and np.isfinite(output).all()):
-        bad = int(np.argmin(np.isfinite(rate) & np.isfinite(output)))
-        raise InputError("lab.value_missing", where=where, row=bad + 1)
+        row = int(np.argmin(np.isfinite(rate) & np.isfinite(output)))
+        raise InputError("lab.value_missing", where=where, row=row + 1)
     if np.unique(rate).size < FEWEST:
         raise InputError("lab.few_rates", where=where, count=np.unique(rate).size, limit=FEWEST)
     if _commanded(output) and not _commanded(rate):
@@ -353,9 +355,9 @@ def read(files: Sequence[str | Path | Table], how: BenchOptions) -> tuple[Record
 
 def fit(record: tuple[Record, ...], how: BenchOptions) -> Calibration[tuple[Record, ...], tuple[RateTable, ...]]:
     """Fit zero and scale factor of gyros x, y, z, or of one for all."""
-    found = tuple(calibrate_gyro(item, how.keep) for item in record)
-    warnings = [rate_table_warnings(item) for item in found]
-    return triad_calibration("gyro", record, found, DEG, ("", "/(deg/s)"), how, warnings)
+    tables = tuple(calibrate_gyro(item, how.keep) for item in record)
+    warnings = [rate_table_warnings(item) for item in tables]
+    return triad_calibration("gyro", record, tables, DEG, ("", "/(deg/s)"), how, warnings)
 
 
 def calibrate_gyro(record: Record, keep: tuple[float, float] | None = None) -> RateTable:
@@ -364,19 +366,19 @@ def calibrate_gyro(record: Record, keep: tuple[float, float] | None = None) -> R
     `keep`: smallest and largest rate to use [deg/s]. Raises: InputError: see `calibrate_rate_table`; or a digital
     output in another unit than its column states.
     """
-    # the table's rates are round numbers in deg/s
-    found = calibrate_rate_table(np.round(record.setting / DEG, 9), record.output, keep, where=record.table.name)
-    refuse_unit(record, float(found.fit.value[1]))
-    return found
+    # rates of a table are round numbers in deg/s: remove the rounding errors of the conversion
+    table = calibrate_rate_table(np.round(record.setting / DEG, 9), record.output, keep, where=record.table.name)
+    refuse_unit(record, float(table.fit.value[1]))
+    return table
 
 
 def rate_table_warnings(found: RateTable) -> tuple[Finding, ...]:
     """Report problems of a usable rate table."""
     used = np.unique(found.rate[found.used])
-    left = sum(np.isfinite(item.limit) and item.reason.code != Code.BENCH_RATE_EXCLUDED for item in found.dropped)
+    count = sum(np.isfinite(item.limit) and item.reason.code != Code.BENCH_RATE_EXCLUDED for item in found.dropped)
     one_sense = bool(used[0] >= 0.0 or used[-1] <= 0.0)
     return (
-        *(Finding.of(Code.BENCH_LEFT_OUT, count=left, total=found.rate.size),) * bool(left),
+        *(Finding.of(Code.BENCH_LEFT_OUT, count=count, total=found.rate.size),) * bool(count),
         *calibration.few("rates", used.size, USUAL_RATES),
         *(Finding.of(Code.BENCH_ONE_SENSE),) * one_sense,
     )
