@@ -7,7 +7,7 @@ import numpy as np
 from insnav.kernels import inner, njit
 from insnav.kernels.mechanization import quaternion_step
 
-SWEEPS = 20  # Jacobi rotations at most; about five suffice
+SWEEPS = 20  # largest number of sweeps of Jacobi rotations; about five suffice
 REWEIGHTED, NEAR = 10, 0.05  # iterations of a robust mean; norm up to which an observation has full weight [-]
 
 
@@ -66,7 +66,7 @@ def joined(end, dt, gyro, accel, gap, instant, count, inside, out):  # type: ign
         inside += 1
         row = out[rows - 1]
         a, b, c = row[2], row[3], row[4]
-        # earlier specific force is resolved in axes that keep turning, on average by half of each rotation
+        # the axes at the middle turn by half of each further rotation: resolve the earlier velocity increment in them
         px, py, pz = row[5], row[6], row[7]
         row[2] = a + x + 0.5 * (b * z - c * y)
         row[3] = b + y + 0.5 * (c * x - a * z)
@@ -119,10 +119,10 @@ def window_scatter(dt, gyro, accel, instant, size, begin, first, last, mean, lou
 
 @inner()
 def _nearest(b, sign, k, v, out):  # type: ignore[no-untyped-def]
-    """Find the rotation (3, 3), times a `sign`, nearest to `sign` times a sum of outer products `b`; `k`, `v`: work.
+    """Find the rotation (3, 3), times a `sign`, nearest to `sign` times a sum of outer products `b`. `k`, `v`: work.
 
-    Davenport's q-method (Markley and Mortari, J. Astronautical Sciences 48 (2000) 359-380): its quaternion is the
-    eigenvector of the largest eigenvalue, here by Jacobi's rotations.
+    Davenport's q-method (Markley and Mortari, J. Astronautical Sciences 48 (2000) 359-380): the quaternion is the
+    eigenvector of the largest eigenvalue, here computed by Jacobi rotations.
     """
     k[0, 0] = sign * (b[0, 0] + b[1, 1] + b[2, 2])
     for i in range(3):
@@ -170,8 +170,8 @@ def _nearest(b, sign, k, v, out):  # type: ignore[no-untyped-def]
 def mean_rotation(seen, felt, weight, sign, each, mean, away):  # type: ignore[no-untyped-def]
     """Find the rotation, times a `sign`, from `felt` to `seen` vectors (w, m, 3), for each window and for all.
 
-    A window far from the mean is de-weighted: `weight` (w,) over its distance. Filled: `each` (w, 3, 3), `mean` (3, 3),
-    and `away` (w,), the Frobenius distance of each window from the mean.
+    A window far from the mean is de-weighted: `weight` (w,) is divided by the distance. Filled: `each` (w, 3, 3),
+    `mean` (3, 3), and `away` (w,), the Frobenius distance of each window from the mean.
     """
     k, v, b = np.zeros((4, 4)), np.zeros((4, 4)), np.zeros((3, 3))
     for w in range(seen.shape[0]):
@@ -201,13 +201,13 @@ def mean_rotation(seen, felt, weight, sign, each, mean, away):  # type: ignore[n
 def level_history(dt, dtheta, dvel, bias, time_constant, turn, change):  # type: ignore[no-untyped-def]
     """Integrate turn about the vertical and horizontal specific force for an IMU of unknown mounting.
 
-    The gyros carry the down axis in the body, and the specific force corrects it with a `time_constant` [s]. A
-    horizontal axis is carried along without the vehicle's turns. Increments (n, 3) [rad], [m/s]. `bias` (3,) of the
-    gyros [rad/s]: the mean correction is added to it, since accelerations of a vehicle average to zero. `turn` (n + 1,)
-    [rad] and `change` (n + 1, 2) [m/s] are integrals from zero.
+    The gyros propagate the down axis in body axes, and the specific force corrects it with a `time_constant` [s]. A
+    horizontal axis, propagated likewise, keeps its direction when the vehicle turns. Increments (n, 3) [rad], [m/s].
+    `bias` (3,) of the gyros [rad/s]: the mean correction is added to it, since accelerations of a vehicle average to
+    zero. `turn` (n + 1,) [rad] and `change` (n + 1, 2) [m/s] are integrals from zero.
     """
     d, h, pulled, length = np.zeros(3), np.zeros(3), np.zeros(3), 0.0
-    for k in range(min(dt.shape[0], 25)):  # initial value; the time constant corrects it
+    for k in range(min(dt.shape[0], 25)):  # initial down axis, which the specific force then corrects
         for i in range(3):
             d[i] -= dvel[k, i]
     size = np.sqrt(d[0] ** 2 + d[1] ** 2 + d[2] ** 2)
@@ -226,7 +226,7 @@ def level_history(dt, dtheta, dvel, bias, time_constant, turn, change):  # type:
         fx, fy, fz = dvel[k, 0], dvel[k, 1], dvel[k, 2]
         norm = np.sqrt(fx * fx + fy * fy + fz * fz)
         gain = min(dt[k] / time_constant, 0.1) / norm if norm > 0.0 else 0.0
-        # fixed directions seen from a turning body: v' = v x w
+        # directions fixed in space, resolved in a turning body: v' = v x w
         x, y, z = d[0], d[1], d[2]
         pulled[0] += gain * (y * fz - z * fy)
         pulled[1] += gain * (z * fx - x * fz)

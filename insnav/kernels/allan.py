@@ -7,7 +7,7 @@ import numpy as np
 from insnav.kernels import inner, njit
 
 BLOCK = 2048  # terms of a partial sum: limits rounding and fits into the cache
-FAR = 30.0  # lags beyond this many times both averaging times: derivatives replace differences, which would cancel
+FAR = 30.0  # lag in sums of both averaging times beyond which a derivative replaces differences, which would cancel
 SHORT = 8  # segments with fewer lags are summed lag by lag
 
 # nodes and weights of Gauss and Legendre's rule on (-1, 1)
@@ -60,9 +60,10 @@ def mean_square_second_difference(x, factors, out):  # type: ignore[no-untyped-d
 
 @inner()
 def _phase_covariance(t, theta, time):  # type: ignore[no-untyped-def]
-    """Compute the autocovariance of the integrated noise at lag t >= 0, without terms that differences cancel: 1, t^2.
+    """Compute the autocovariance of the integrated noise at lag t >= 0, except terms in 1 and t^2, which cancel.
 
-    theta: Q^2, N^2, B^2, K^2, variance of a Gauss-Markov process; `time` is the correlation time of the latter.
+    `theta`: squared coefficients of quantisation, white noise, flicker and random walk, Q^2, N^2, B^2, K^2, and
+    variance of a Gauss-Markov process. `time`: its correlation time.
     """
     if t < 0.5:
         return theta[0]
@@ -82,12 +83,12 @@ def _phase_covariance(t, theta, time):  # type: ignore[no-untyped-def]
 
 @inner()
 def _square(d, mi, mj, theta, time, ni, nj):  # type: ignore[no-untyped-def]
-    """Squared covariance of second differences d apart, times the number of such pairs."""
+    """Compute the squared covariance of two second differences at lag `d`, times the number of such pairs."""
     pairs = min(ni, nj - d) - max(0.0, -d)
     if pairs <= 0.0:
         return 0.0
     centre = abs(d + mj - mi)
-    if centre > FAR * (mi + mj):  # use the fourth derivative; it is zero for the other terms
+    if centre > FAR * (mi + mj):  # fourth derivative of the autocovariance; zero for the other terms
         r = -theta[2] / (np.pi * centre * centre)
         if theta[4] > 0.0:
             r -= theta[4] / (time * time) * np.exp(-centre / time)
@@ -133,7 +134,7 @@ def _pair(mi, mj, n, theta, time):  # type: ignore[no-untyped-def]
             while d < end:
                 total += _square(d, mi, mj, theta, time, ni, nj)
                 d += 1.0
-        else:  # the sum over the lags between as an integral: each lag represents half a lag on either side
+        else:  # Gauss-Legendre integral in place of the sum: each lag represents half a lag on either side
             half = 0.5 * inside
             for q in range(_NODES.shape[0]):
                 d = 0.5 * (begin + end) + half * _NODES[q]

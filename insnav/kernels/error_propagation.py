@@ -11,12 +11,12 @@ from insnav.kernels import inner, njit
 from insnav.kernels.dynamics import NAV, second_order, system_matrix
 from insnav.kernels.mechanization import step
 
-WIDTH = NAV + 1  # columns: a process and its accumulated error
+WIDTH = NAV + 1  # states: the navigation errors, and the process that causes them
 
 
 @inner()
 def _transition(x, f_n, dt, hold, f, a):  # type: ignore[no-untyped-def]
-    """``a = I + F dt + (F dt)^2 / 2``; height-constrained errors stay zero."""
+    """Compute the transition ``a = I + F dt + (F dt)^2 / 2``; height-constrained errors stay zero."""
     system_matrix(x, f_n, f)
     second_order(f, dt, a)
     for i in range(NAV):
@@ -28,7 +28,7 @@ def _transition(x, f_n, dt, hold, f, a):  # type: ignore[no-untyped-def]
 
 @inner()
 def _entering(f, dt, hold, given, out):  # type: ignore[no-untyped-def]
-    """Error at the end of a step from a disturbance of all nine states integrated over it: ``(I + F dt / 2) u``."""
+    """Compute the error at the end of a step by a disturbance u, integrated over the step: ``(I + F dt / 2) u``."""
     for i in range(3):
         out[i], out[3 + i], out[6 + i] = given[6 + i], given[3 + i], given[i]
     for i in range(NAV):
@@ -230,7 +230,7 @@ def corrupted_run(  # type: ignore[no-untyped-def]
 
 @njit(cache=True)
 def first_order(drive, decay):  # type: ignore[no-untyped-def]
-    """First-order process (n, 3) with driving steps `drive` that keeps the factor `decay` from step to step."""
+    """Compute a first-order process (n, 3): the previous value times `decay`, plus the next row of `drive` (n, 3)."""
     process = drive.copy()
     for k in range(1, drive.shape[0]):
         for axis in range(drive.shape[1]):
@@ -242,7 +242,8 @@ def first_order(drive, decay):  # type: ignore[no-untyped-def]
 def _answer(since, rate, given, velocity, position, out):  # type: ignore[no-untyped-def]
     """Compute errors some time after a pulse of attitude, velocity and position.
 
-    velocity, position (3,): integrals of the specific force since then. rate: of the Schuler loop [rad/s].
+    `since`: time since the pulse [s]. `rate`: Schuler rate [rad/s]. `given` (9,): the pulse. `velocity`, `position`
+    (3,): first and second integral of the specific force since the pulse.
     """
     x = rate * since
     once = twice = thrice = 1.0
@@ -262,10 +263,11 @@ def _answer(since, rate, given, velocity, position, out):  # type: ignore[no-unt
 def noise_variances(  # type: ignore[no-untyped-def]
     dt, velocity, position, given, rate, rows, white, drive, first, fade, gained, alone, out
 ):
-    """Compute the variances from one noise: white noise, random walks, Gauss-Markov processes.
+    """Compute the variances of navigation errors by white noise, random walks and Gauss-Markov processes.
 
-    Steps are added backwards from each row. `h` is the error at the row by a pulse in the step. Its sum `integral` is
-    the response to a random walk, `correlated` that to a Gauss-Markov process that begins after the step.
+    The sum over steps runs backwards from each row. `h` is the error at the row by a pulse in the step. The sum of `h`,
+    `integral`, is the response to a random walk. `correlated` is the response to a Gauss-Markov process that begins
+    after the step.
 
     `dt` (m,): steps [s]. `velocity`, `position` (m + 1, 3): first and second integral of the specific force, North,
     East, Down, at the edges of the steps. `given` (m, 9): rate of attitude, velocity and position errors per unit of
@@ -284,7 +286,7 @@ def noise_variances(  # type: ignore[no-untyped-def]
             since += 0.5 * dt[k]
             for i in range(3):
                 middle = 0.5 * (velocity[k, i] + velocity[k + 1, i])
-                # means over the step, and means of the products with time
+                # means over the step of velocity, and of position plus velocity times the remaining time
                 at = 0.5 * (position[k, i] + position[k + 1, i]) - dt[k] * (velocity[k + 1, i] - velocity[k, i]) / 6.0
                 moved[i] = velocity[end, i] - middle
                 placed[i] = position[end, i] - at - since * middle

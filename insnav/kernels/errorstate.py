@@ -1,9 +1,9 @@
 """Error-state transition and process noise, accumulated along the trajectory between filter epochs.
 
 Error = estimate - truth. States 0-8: position N, E, D [m], velocity, attitude ``C_hat = (I - [phi x]) C``. States 9-20:
-gyro bias, accelerometer bias, gyro scale factor, accelerometer scale factor. Further states are constant. The first
-nine states are driven, the next twelve decay exponentially. A transition matrix thus has the form
-``[[A, B], [0, diag(d)]]``, and only these blocks are multiplied.
+gyro bias, accelerometer bias, gyro scale factor, accelerometer scale factor. Further states are constant. States 0-8
+depend on states 0-20, and states 9-20 decay exponentially. A transition matrix thus has the form ``[[A, B], [0,
+diag(d)]]``, and only these blocks are multiplied.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from insnav.kernels.mechanization import quaternion_step, rotation, step, within
 SENSOR = 12  # sensor errors
 STATES = NAV + SENSOR
 SAME_TIME = 1e-6  # epochs closer than this are equal [s]
-SUMS = 31  # time, specific force, C_nb, C_nb diag(w), C_nb diag(f), integrated over a sub-step
+SUMS = 31  # integrals over a sub-step: time, specific force (3), C_nb, C_nb diag(w), C_nb diag(f) (9 each)
 
 
 class Samples(NamedTuple):
@@ -32,7 +32,7 @@ class Samples(NamedTuple):
     dvel: np.ndarray  # (n, 3) [m/s]
     coning: np.ndarray  # (n, 3) [rad]
     sculling: np.ndarray  # (n, 3) [m/s]
-    gap: np.ndarray  # (n,) length of the data gap that the interval helps to bridge [s]; 0: measured
+    gap: np.ndarray  # (n,) length of the data gap that contains the interval [s]; 0: the interval was measured
 
 
 class Carried(NamedTuple):
@@ -56,28 +56,28 @@ class Model(NamedTuple):
     # (20,) spectral densities: gyro, accelerometer white noise, driving noise of the twelve sensor errors. Then squared
     # misalignment of gyros and accelerometers times the length of a manoeuvre [rad^2 s]
     noise: np.ndarray
-    # (4,) largest unseen time derivative of rate [rad/s^2] and specific force [m/s^3]. A straight line across a gap of
-    # length T leaves about that times T^2. Then the largest angle [rad] and velocity [m/s] error assumed, as a linear
-    # filter is invalid beyond
+    # (4,) assumed largest time derivative of rate [rad/s^2] and specific force [m/s^3] in a data gap. Interpolation
+    # over a gap of length T is wrong by about T^2 times this. Then limits of the resulting angle [rad] and velocity
+    # [m/s] error: a linear filter is invalid beyond
     gap: np.ndarray
     decay: np.ndarray  # (12,) inverse correlation times of the sensor errors [1/s]
-    # (k, 2) rate of change of level and heading variance between parts of a stationary period [rad^2/s]; empty or NaN
-    # where attitude may change
+    # (k, 2) growth rate of tilt and heading variance between parts of a stationary period [rad^2/s]; empty or NaN where
+    # the attitude may change
     sway: np.ndarray
 
 
 class Outputs(NamedTuple):
     """Rows of the solution, and the time-ordered subset of rows for which standard deviations are computed."""
 
-    # (3,) next epoch of the grid, its interval (0: every interval; -1: also with the motion) [s], number of the next of
-    # the `wanted` epochs
+    # (3,) next grid epoch [s], grid interval [s] (0: every IMU interval; -1: also with the motion), index of the next
+    # `wanted` epoch
     grid: np.ndarray
-    wanted: np.ndarray  # (k,) further epochs, increasing [s]
-    used: np.ndarray  # (2,) rows filled in the first three arrays and in the last two
+    wanted: np.ndarray  # (k,) further output epochs, increasing [s]
+    used: np.ndarray  # (2,) rows filled so far: of `time`, `aim`, `state`, and of `known`, `motion`
     time: np.ndarray  # (m,) [s]
-    aim: np.ndarray  # (m,) epoch for which the row was made; NaN: its time [s]
+    aim: np.ndarray  # (m,) requested epoch of the row [s]; NaN: none, the row has its own time
     state: np.ndarray  # (m, 10)
-    known: np.ndarray  # (m,) row of the solution that these standard deviations belong to
+    known: np.ndarray  # (m,) row of the solution that has standard deviations
     motion: np.ndarray  # (m, 6) motion at these rows, as in `Carried`
 
 
@@ -103,10 +103,10 @@ def _half_of_the_noise(sums, noise, q, stays, sway):  # type: ignore[no-untyped-
 
 @inner()
 def _substep(x, sums, noise, phi, q, work, stays, sway):  # type: ignore[no-untyped-def]
-    """Close a sub-step: second-order transition from the sums, folded into `phi` and `q`.
+    """Close a sub-step: compute its second-order transition from `sums`, and propagate `phi` and `q` by it.
 
     The noise enters by the trapezoid rule, ``Q <- a (Q + q/2) a' + q/2``. `work` holds the decay of the sensor errors.
-    If the attitude `stays`, gyro errors do not rotate the vehicle, only `sway` (2,) does.
+    If the attitude `stays` constant, gyro errors do not change it, and its variance grows by `sway` (2,) only.
     """
     f, a, ab, d, w, y, f_n, turned_ab = work
     dt = sums[0]
@@ -115,8 +115,8 @@ def _substep(x, sums, noise, phi, q, work, stays, sway):  # type: ignore[no-unty
         f_n[i] = sums[1 + i] * inv
     system_matrix(x, f_n, f)
     second_order(f, dt, a)
-    # ab = [a b]; b = (I + F dt / 2) g dt, with g dt: attitude by gyro errors, velocity by accelerometer errors (error =
-    # estimate - truth)
+    # ab = [a b], the first nine rows of the transition; b = (I + F dt / 2) G dt. G dt is the effect of gyro errors on
+    # attitude and of accelerometer errors on velocity.
     for i in range(NAV):
         for j in range(NAV):
             ab[i, j] = a[i, j]
@@ -142,7 +142,7 @@ def _substep(x, sums, noise, phi, q, work, stays, sway):  # type: ignore[no-unty
             for j in range(STATES):
                 ab[i, j] = 1.0 if i == j else 0.0
     _half_of_the_noise(sums, noise, q, stays, sway)
-    # misalignment turns rotations and accelerations into errors that persist for a manoeuvre
+    # through misalignment, rotation and acceleration cause errors that persist for a manoeuvre
     turned = 0.0
     for i in range(13, 22):
         turned += sums[i] * sums[i]
@@ -151,8 +151,8 @@ def _substep(x, sums, noise, phi, q, work, stays, sway):  # type: ignore[no-unty
     for i in range(3):
         q[3 + i, 3 + i] += pushing
         q[6 + i, 6 + i] += turning
-    # Sums over a whole row, zeros included, vectorise: a third of the time.
-    # transition: w = [a b] phi; noise: y = [a b] q, then q = y [a b]'
+    # Loops over whole rows, including zeros, vectorise and take a third of the time.
+    # Transition: w = [a b] phi; noise: y = [a b] q, then q = y [a b]'
     for i in range(NAV):
         for j in range(STATES):
             total = 0.0
@@ -245,9 +245,9 @@ def propagate(  # type: ignore[no-untyped-def]
     """Propagate state, transition and noise through intervals `first` to `last` - 1.
 
     `close`: a filter epoch follows, so end the sub-step at `last`; else it stays open for the next call. Then follow
-    the fields of `Samples`, of `Carried`, which change in place, and of `Model`, one by one: tuples take ten times as
-    long. `phi`, `q` (n, n): transition and noise since the last epoch, changed in place. Then the fields of `Outputs`,
-    filled further. `work`: from `scratch`.
+    the fields of `Samples`, of `Carried`, which change in place, and of `Model`, one by one: passing tuples takes ten
+    times as long. `phi`, `q` (n, n): transition and noise since the last epoch, changed in place. Then the fields of
+    `Outputs`, to which rows are added. `work`: from `scratch`.
     Returns: first interval not processed: `last`, or earlier if the model's limit asks for a filter epoch.
     """
     begin, rest, parts = limit[2], limit[3], sway.shape[0] + 1
@@ -267,7 +267,7 @@ def propagate(  # type: ignore[no-untyped-def]
         resting = time[k] <= rest
         row = max(0, min(int((time[k] - begin) / (rest - begin) * parts - 0.5), parts - 2)) if resting else 0
         stays = resting and sway.shape[0] > 0 and not np.isnan(sway[row, 0])
-        if stays:  # only the Earth turns
+        if stays:  # the attitude is constant relative to the Earth: the body rotates with the Earth only
             rotation(x, c)
             north, down = OMEGA * np.cos(x[0]) * h, -OMEGA * np.sin(x[0]) * h
             tx, ty, tz = c[0] * north + c[6] * down, c[1] * north + c[7] * down, c[2] * north + c[8] * down
@@ -301,7 +301,7 @@ def propagate(  # type: ignore[no-untyped-def]
         full = span[0] >= limit[1] - 1e-9
         ends = full or sums[0] >= limit[0] - 1e-9 or (close and k == last - 1)
         if ends:
-            for j in range(SENSOR):  # a decaying error has a decaying expectation
+            for j in range(SENSOR):  # the estimate of a time-correlated error decays like its expectation
                 u = sums[0] * decay[j]
                 kept[j] = 1.0 - u * (1.0 - u * (0.5 - u * (1.0 / 6.0 - u / 24.0))) if u < 5e-4 else np.exp(-u)
                 correction[j] *= kept[j]
@@ -324,7 +324,7 @@ def propagate(  # type: ignore[no-untyped-def]
                 known[used[1]] = used[0]
                 for i in range(3):
                     out_motion[used[1], i] = motion[i]
-                # vibration is delayed with the clock, too, but the mean in `motion` is not
+                # acceleration of this interval: a clock error shifts vibration, too, which the mean in `motion` lacks
                 out_motion[used[1], 3] = (x[3] - vn) * rate
                 out_motion[used[1], 4] = (x[4] - ve) * rate
                 out_motion[used[1], 5] = (x[5] - vd) * rate
@@ -344,14 +344,14 @@ def propagate(  # type: ignore[no-untyped-def]
 
 
 def scratch() -> tuple[np.ndarray, ...]:
-    """Work space of `propagate`."""
+    """Return the work space of `propagate`."""
     square, wide = (NAV, NAV), (NAV, STATES)
     return tuple(np.zeros(shape) for shape in (square, square, wide, SENSOR, wide, wide, 9, (STATES, NAV)))
 
 
 @njit(cache=True)
 def reset_transition(phi, q, span):  # type: ignore[no-untyped-def]
-    """Reset transition and noise after a filter epoch."""
+    """Set `phi` to the identity, noise `q` and time `span` to zero, after a filter epoch."""
     phi[:] = 0.0
     q[:] = 0.0
     span[0] = 0.0

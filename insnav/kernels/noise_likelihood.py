@@ -1,4 +1,4 @@
-"""Likelihood of filter innovations under noise other than in the run, without integrating again.
+"""Likelihood of filter innovations for noise parameters other than the run's, without repeating the run.
 
 A filter has run once; its epochs store transition, measurement and feedback. The error of that nominal run is a linear
 system, with noise linear in its spectral densities. Any set of densities thus costs one pass of covariance algebra over
@@ -20,15 +20,15 @@ from insnav.kernels.epoch import beyond_linear, count_tilt
 from insnav.kernels.errorstate import SENSOR, STATES
 from insnav.kernels.smoother import COAST, CORRECTION, JACOBIAN, KIND, NOISE, RESIDUAL, RESTART, STATE, TIME
 
-OPENED = 15  # states that a reset opens: navigation errors and biases
-MOST = 40  # states; a filter has up to 35. Compilers prefer rows of known length
+OPENED = 15  # states to which a reset adds variance: navigation errors and biases
+MOST = 40  # length of rows; a filter has up to 35 states. A constant length compiles to faster code
 
 
 def _white(phi: np.ndarray, span: np.ndarray, column: int) -> np.ndarray:
-    """Noise at the end of spans from unit isotropic white noise on three states from `column` on, (m, 9, 9).
+    """Compute the covariance at the end of each span by unit white noise on three states from `column` on, (m, 9, 9).
 
-    Noise injected at s propagates over the rest of the span. The blocks of the transition grow as powers of the rest:
-    attitude to velocity and velocity to position linearly, attitude to position quadratically.
+    Noise propagates over the time from its occurrence to the end of the span. The blocks of the transition grow as
+    powers of this time: attitude to velocity and velocity to position linearly, attitude to position quadratically.
     """
     injected = phi[:, :, column : column + 3]
     power = np.repeat([column // 3 - a if a <= column // 3 else 1 for a in range(3)], 3)
@@ -37,7 +37,7 @@ def _white(phi: np.ndarray, span: np.ndarray, column: int) -> np.ndarray:
 
 
 def held(transition: np.ndarray) -> np.ndarray:
-    """Find, in transitions (m, 9, 21), the epochs of a long rest, where the filter ignores the gyros' rotation."""
+    """Find, in transitions (m, 9, 21), the epochs of a long stationary period, where the filter ignores the gyros."""
     return np.asarray((transition[:, 6:9, 9:12] == 0.0).all(axis=(1, 2)))
 
 
@@ -47,8 +47,8 @@ def tape(
     """Extract from the history of a run the input of the innovation likelihood.
 
     `history` (m, width(n)): epochs, see `insnav.kernels.smoother`. `noise` (20,): spectral densities of the run, see
-    `insnav.kernels.errorstate`. `bridged` (m,): a data gap was bridged before the epoch. `rounding`: of gyros,
-    times of changes, variances before and after (3,).
+    `insnav.kernels.errorstate`. `bridged` (m,): a data gap was bridged before the epoch. `rounding`: changes of the
+    gyros' rounding error: time [s], variance before and after (3,).
     Returns, for each epoch: time since the previous epoch [s]. Kind, as in the history. Transition (9, 21). Noise of
     unit density of gyros and accelerometers (2, 9, 9), and the factor for misalignment of one rad^2 s (2,). Variance
     added to velocity and attitude by bridging or sway at rest, then the squares for second-order noise, see
@@ -77,12 +77,12 @@ def tape(
     s = hp @ np.swapaxes(of_used, 1, 2) + noise_of
     gain = np.linalg.inv(s) @ hp
     reduction = np.swapaxes(gain[:, :, :STATES], 1, 2) @ hp[:, :, :STATES]
-    after = np.roll(before[:, :STATES, :STATES] - reduction, 1, axis=0)  # previous epoch
+    after = np.roll(before[:, :STATES, :STATES] - reduction, 1, axis=0)  # covariance after the previous epoch
     gyro, accel = _white(phi, span, 6), _white(phi, span, 3)
     still = held(phi)
     gyro[still] = 0.0
     by_gyro, own = (np.diagonal(each, axis1=1, axis2=2) for each in (gyro, before))
-    # the rest beyond white and driving noise comes from misalignment, a bridged gap or a stationary period
+    # noise beyond white and driving noise comes from misalignment, a bridged gap or a stationary period
     rest = own[:, :NAV] - noise[0] * by_gyro - noise[3] * np.diagonal(accel, axis1=1, axis2=2)
     rest -= np.sum(phi @ after * phi, axis=2)
     fed, state = np.einsum("mi,mij->mj", z, gain), history[:, STATE : STATE + 10]
@@ -136,8 +136,8 @@ def innovations(  # type: ignore[no-untyped-def]
     `lasting`: first state of the time-correlated errors of position, or of position and velocity; negative without.
     `lasting_sd` (k,) [m, m/s], `lasting_time` (k,) [s].
     `variance` (m, 6): white noise of the measurements. `start`: mean (n,) and covariance (n, n) of the error of the
-    nominal run. `push` (k, m, 9): known error that each span adds to position, velocity and attitude, then k - 1 for
-    derivatives only. Overwritten by the mean errors at the end of each epoch and their derivatives. `limit`:
+    nominal run. `push` (k, m, 9): known error that each span adds to position, velocity and attitude, then k - 1
+    derivatives of it. Overwritten by the mean errors at the end of each epoch and their derivatives. `limit`:
     innovations beyond this many standard deviations are de-weighted (Huber). `out` (k + 1, 6 m): filled with innovation
     and variance of every used component, conditional on the components before it, and derivatives of the innovation.
     Returns: number of components.
@@ -146,7 +146,7 @@ def innovations(  # type: ignore[no-untyped-def]
     each, n = push.shape[0], start[0].shape[0]
     means = np.zeros((each, n))
     mean = means[0]
-    wide = 8 * ((n + 7) // 8)  # whole registers, two at a time, padded with zeros
+    wide = 8 * ((n + 7) // 8)  # columns, padded with zeros to whole vector registers
     p, work = np.zeros((wide, MOST)), np.zeros((19, MOST))
     w, ph, moved = work[:9], work[9:15], work[15]
     fade, last, inverse = work[16], work[17], work[18]
@@ -156,7 +156,7 @@ def innovations(  # type: ignore[no-untyped-def]
             p[i, j] = start[1][i, j]
     lasts = lasting_sd.shape[0] if lasting > 0 else 0
     usual, count = -1.0, 0
-    bias, bias_variance = np.zeros((each, 3)), np.ones(3)  # without rounding errors, at their last change
+    bias, bias_variance = np.zeros((each, 3)), np.ones(3)  # of the gyros without rounding error, at its last change
     for k in range(span.shape[0]):
         dt = span[k]
         if dt > 0.0:
@@ -194,12 +194,12 @@ def innovations(  # type: ignore[no-untyped-def]
                 p[3 + i, 3 + i] += bridge[k, i] + (second if i < 2 else 0.0)
             for i in range(NAV, n):
                 by = fade[i]
-                for j in range(8, wide):  # whole registers: column 8, a navigation error, is overwritten below
+                for j in range(8, wide):  # from 8: whole registers; column 8 is overwritten below
                     p[i, j] *= by * fade[j]
             for i in range(NAV):
                 for j in range(NAV, wide):
                     p[i, j] = w[i, j] * fade[j]
-                # sensor-error noise enters the navigation errors with a delay of half a span
+                # noise of sensor errors acts on the navigation errors for half the span on average
                 for j in range(SENSOR):
                     p[i, NAV + j] += 0.5 * dt * driving[j] * phi[k, i, NAV + j]
             for j in range(NAV, n):
@@ -210,7 +210,7 @@ def innovations(  # type: ignore[no-untyped-def]
                     means[c, j] *= fade[j]
             for j in range(SENSOR):
                 p[NAV + j, NAV + j] += dt * driving[j] + (shown if 3 <= j < 6 else 0.0)
-                # the nominal run has changed its correction in its own way
+                # the error is relative to the nominal run, which changed its own correction over the span
                 mean[NAV + j] = fade[NAV + j] * (mean[NAV + j] - last[j]) + correction[k, 0, j]
             for j in range(3):
                 bias_variance[j] += dt * driving[j]
@@ -259,7 +259,7 @@ def innovations(  # type: ignore[no-untyped-def]
                         error -= by * mean[a]
                         for j in range(wide):
                             ph[used, j] += by * p[a, j]
-                for b in range(used):  # subtract the information of the components before
+                for b in range(used):  # subtract the information of earlier components
                     by = 0.0
                     for a in range(n):
                         by += h[k, i, a] * ph[b, a]
@@ -280,7 +280,7 @@ def innovations(  # type: ignore[no-untyped-def]
                     for a in range(n):
                         error -= h[k, i, a] * means[c, a]
                     out[1 + c, count] = error
-                    if far <= limit:  # beyond, the influence is constant
+                    if far <= limit:  # beyond the limit, the influence is constant (Huber)
                         for a in range(n):
                             means[c, a] += error / s * ph[used, a]
                 used += 1

@@ -12,9 +12,9 @@ TWO_PI = 2.0 * np.pi
 
 @njit(cache=True)
 def sides(state, opposite, adjacent):  # type: ignore[no-untyped-def]
-    """Compute the sides (n, 3) of the triangles whose angles are roll, pitch, heading of states (n, 10).
+    """Fill `opposite` and `adjacent` (n, 3), whose ``arctan2`` is roll, pitch and heading of each state (n, 10).
 
-    Groves (2013), eq. 2.25. The caller takes the arctangent with numpy, of many values at once.
+    Groves (2013), eq. 2.25. The caller computes all arctangents at once with numpy.
     """
     for k in range(state.shape[0]):
         a, b, c, d = state[k, 6], state[k, 7], state[k, 8], state[k, 9]
@@ -26,9 +26,10 @@ def sides(state, opposite, adjacent):  # type: ignore[no-untyped-def]
 
 @njit(cache=True)
 def moved(state, motion, delay_sd, out):  # type: ignore[no-untyped-def]
-    """Compute the effect of the clock error on velocity and attitude of a state (10,), motion (6,), in `out` (9,).
+    """Compute the change of velocity and attitude by the sd of the delay, in `out` (9,), at a state (10,).
 
-    The velocity and attitude errors are almost independent of it: IMU samples use their own time.
+    `motion` (6,): body rate [rad/s] and acceleration in n [m/s^2]. The filter's velocity and attitude errors are almost
+    independent of the delay error, as they refer to IMU time.
     """
     for i in range(3):
         out[i], out[3 + i] = 0.0, -delay_sd * motion[3 + i]
@@ -39,7 +40,7 @@ def moved(state, motion, delay_sd, out):  # type: ignore[no-untyped-def]
 
 @njit(cache=True)
 def add_moved(state, rows, motion, delay_sd, variance):  # type: ignore[no-untyped-def]
-    """Add the variances from `moved` at `rows` (m,) of the states to their `variance` (m, 12); `motion` (m, 6)."""
+    """Add the squared changes from `moved` to `variance` (m, 12) of the states at `rows` (m,); `motion` (m, 6)."""
     by = np.zeros(9)
     for m in range(rows.shape[0]):
         moved(state[rows[m]], motion[m], delay_sd, by)
@@ -54,8 +55,8 @@ def add_moved(state, rows, motion, delay_sd, variance):  # type: ignore[no-untyp
 def deviations(time, known, variance, axes_sd, rph, sd):  # type: ignore[no-untyped-def]
     """Compute standard deviations from variances; wrap headings to one turn.
 
-    ``C_hat = (I - [phi x]) C`` turns the estimate by ``-phi`` about n; its parts along the axes of roll, pitch and
-    heading follow from their rates (Groves 2013, eq. 2.58).
+    ``C_hat = (I - [phi x]) C`` rotates the estimate by ``-phi`` in axes n. Errors of roll, pitch and heading follow
+    from this rotation as Euler angle rates follow from an angular rate (Groves 2013, eq. 2.58).
 
     `time` (n,) [s]. `known` (m,): rows with known `variance` (m, 12), in order, see
     `insnav.kernels.errorstate.variances`. `axes_sd` (3,): attitude sd common to all rows [rad]. `rph` (n, 3) roll,
@@ -88,14 +89,14 @@ def deviations(time, known, variance, axes_sd, rph, sd):  # type: ignore[no-unty
     for k in range(n):
         if rph[k, 2] < 0.0:
             rph[k, 2] += TWO_PI
-        if rph[k, 2] >= TWO_PI:  # a tiny negative angle rounds up to it
+        if rph[k, 2] >= TWO_PI:  # a tiny negative angle plus one turn rounds to one turn
             rph[k, 2] = 0.0
 
 
-WIDEST = 26  # bytes of a cell including its separator
-LARGEST = 1e10  # from here on, and below `SMALLEST`, the shortest text has an exponent
+WIDEST = 26  # largest number of bytes of a cell, including its separator
+LARGEST = 1e10  # the shortest text of larger numbers, and of numbers below `SMALLEST`, has an exponent
 SMALLEST = 1e-6
-_EXACT = 1e15  # up to 15 digits: no two such decimals are the same double
+_EXACT = 1e15  # decimal numbers of up to 15 digits all differ as doubles
 _PAIRS = np.frombuffer(b"".join(b"%02d" % i for i in range(100)), np.uint8).copy()  # all numbers of two digits
 
 
