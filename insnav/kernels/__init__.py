@@ -82,8 +82,7 @@ class _Kept(FunctionCache):
 
 
 # Division by zero gives inf or NaN, as in numpy. No C code calls kernels: omitting the C wrapper saves a tenth of the
-# compile time. Numba shares compiled numpy functions between kernels, so reproducible results need the same fastmath
-# flags in all kernels.
+# compile time. Numba shares compiled numpy functions between kernels, so all kernels need the same flags.
 _njit: Any = partial(numba.njit, error_model="numpy", no_cfunc_wrapper=True, fastmath={"contract"})
 
 

@@ -95,8 +95,8 @@ def window_histories(dt, dtheta, dvel, first, out):  # type: ignore[no-untyped-d
 def window_scatter(dt, gyro, accel, instant, size, begin, first, last, mean, loud):  # type: ignore[no-untyped-def]
     """Compute mean and scatter of rate and specific force in windows of `size` intervals, from row `begin` on.
 
-    Windows `first` to `last` - 1 are filled: `mean` (2, n, 3), and `loud` (2, n), the norm of the standard deviation
-    [rad/s], [m/s^2].
+    Windows `first` to `last` - 1 are filled: `mean` (2, n, 3), and `loud` (2, n), the norm of their sd [rad/s],
+    [m/s^2].
     """
     here = np.zeros((size, 6))
     for w in range(first, last):

@@ -266,8 +266,8 @@ def noise_variances(  # type: ignore[no-untyped-def]
     """Compute the variances of navigation errors by white noise, random walks and Gauss-Markov processes.
 
     The sum over steps runs backwards from each row. `h` is the error at the row by a pulse in the step. The sum of `h`,
-    `integral`, is the response to a random walk. `correlated` is the response to a Gauss-Markov process that begins
-    after the step.
+    `integral`, is the response to a random walk. `correlated` is the response to a Gauss-Markov process from the next
+    step on.
 
     `dt` (m,): steps [s]. `velocity`, `position` (m + 1, 3): first and second integral of the specific force, North,
     East, Down, at the edges of the steps. `given` (m, 9): rate of attitude, velocity and position errors per unit of

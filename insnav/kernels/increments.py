@@ -22,9 +22,8 @@ def uniform_weights(instant: bool) -> np.ndarray:
     `instant`: samples are values at the interval ends instead of integrals over intervals.
 
     Returns: ``w[size, offset, j, i]``, (WINDOW + 2, WINDOW + 1, WINDOW + 1, WINDOW + 1): weight of sample ``i`` in the
-    coefficient of ``s**j``. The window has `size` samples, and the polynomial is for its interval number `offset`.
-    ``s`` is 0 at the start and 1 at the end of the interval. The polynomial is the rate or specific force times the
-    interval.
+    coefficient of ``s**j``. The window has `size` samples, and ``s`` goes from 0 to 1 in its interval number `offset`.
+    The polynomial is the rate or specific force times the interval.
     """
     largest = WINDOW + 1
     weights = np.zeros((largest + 1, largest, largest, largest))
@@ -353,8 +352,7 @@ def glance(gyro, accel, scale, limit, back):  # type: ignore[no-untyped-def]
     """Return the largest value and change of each axis, (6,), and whether any value jumps and returns, or repeats.
 
     `gyro`, `accel` (n, 3) are divided by `scale` (n,) for values and changes. Jump: two successive changes of opposite
-    sign beyond `limit` (6,), whose sum is below `back` times the smaller change. Repeat: the same raw value three
-    times.
+    sign beyond `limit` (6,), whose sum is below `back` times the smaller change. Repeat: one raw value three times.
     """
     largest, change, value, step = np.zeros(6), np.zeros(6), np.zeros(6), np.zeros(6)
     before, older, odd = np.zeros(6), np.zeros(6), False

@@ -205,8 +205,7 @@ def assess(  # type: ignore[no-untyped-def]
                 h[i, lever_at + j] = rotated[i, j] - arm[3 + 3 * i + j]
         # Errors in variables: a noisy rate that both predicts and multiplies the arm biases it towards zero (W. A.
         # Fuller, Measurement Error Models, Wiley 1987, section 1.1). The mean rate about the fix contains little of
-        # this noise (an instrumental variable, section 1.4). The remaining rate counts only where it is far above
-        # noise.
+        # this noise (an instrumental variable, section 1.4). The remaining rate counts where far above noise.
         turning = motion[0] ** 2 + motion[1] ** 2 + motion[2] ** 2
         beyond = motion[6] ** 2 + motion[7] ** 2 + motion[8] ** 2
         steady = turning**2 / max(turning**2 + motion[9] ** 2, 1e-30)

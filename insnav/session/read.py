@@ -68,8 +68,7 @@ def read(
 ) -> Recording:
     """Read a drive, small files first, to report their errors early.
 
-    `run`: the recording will be navigated. A lack of any position, which is reported later, then has priority over
-    unknown axes.
+    `run`: the recording will be navigated, so a lack of any position, reported later, has priority over unknown axes.
 
     Raises: ConfigError, InputError: invalid inputs or data; `where` names the input.
     """

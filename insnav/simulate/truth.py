@@ -194,11 +194,10 @@ class LevelTruth(Truth):
 
     # (3,) latitude [rad], longitude [rad], height [m]: origin of `position`, whose small numbers keep more digits
     origin: FloatArray
-    # latitude [rad], longitude [rad] and height [m] minus `origin`, over the time since `start` [s]; smooth in at least
-    # two derivatives
+    # latitude, longitude [rad], height [m] minus `origin`, over time since `start` [s]; smooth in two derivatives or
+    # more
     position: Curve
-    # roll, pitch, heading [rad] over the time since `start` [s], heading without jumps; smooth in at least one
-    # derivative
+    # roll, pitch, heading [rad] without jumps, over time since `start` [s]; smooth in at least one derivative
     attitude: Curve
     # see `Truth`
     duration: float

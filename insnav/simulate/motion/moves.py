@@ -19,8 +19,8 @@ from insnav.simulate.sensor_errors import Seed
 from insnav.types import FloatArray
 from insnav.units import G0
 
-# x^5 ... x^9 of a rise from 0 to 1 on [0, 1], four derivatives zero at both ends. It is the integral of x^4 (1 - x)^4,
-# normalised
+# x^5 ... x^9 of a rise from 0 to 1 on [0, 1], with four derivatives zero at both ends: the normalised integral of x^4
+# (1 - x)^4
 STEP = (126.0, -420.0, 540.0, -315.0, 70.0)
 STEEPEST = 315.0 / 128.0  # slope of this polynomial in the middle
 BUMP_AREA = 128.0 / 315.0  # integral of `bump`
@@ -219,8 +219,7 @@ class State:
 
     speed: float = 0.0  # forward [m/s]
     heading: float = 0.0  # not wrapped [rad]
-    # roll, pitch, yaw of a table on a slide [rad], where pitch turns the roll axis and yaw turns both. None after a
-    # spin
+    # roll, pitch, yaw of a table on a slide [rad]: pitch turns the roll axis, yaw turns both axes. None after a spin
     table: tuple[float, float, float] | None = (0.0, 0.0, 0.0)
 
 

@@ -148,8 +148,8 @@ def earth_path(t: FloatArray, velocity: FloatArray, lla: FloatArray) -> tuple[Sp
     start = quat_earth_from_level(lla[None])[0]
     axes = np.tile(start, (len(t), 1))
     height = lla[2] + cumulative_trapezoid(velocity[:, 2], t, initial=0.0)
-    # In the moving axes, the rotation depends on position only through the radii of curvature: each pass gains at least
-    # two digits.
+    # In the moving axes, the rotation depends on position only through the radii of curvature: each pass gains two
+    # digits.
     for _ in range(_PASSES):
         north_axis, east_axis, down = _columns(axes)
         sine = -down[:, 2]
@@ -219,8 +219,8 @@ def way_through(
 ) -> tuple[Commands | None, list[ConfigError]]:
     """Build the commands of a drive through waypoints, at instants `spacing` apart [s], or report why it is infeasible.
 
-    `lla` (m, 3): waypoints. `speed` (m,): zero at the first and last waypoint for a drive from rest to rest. Errors
-    name their waypoints.
+    `lla` (m, 3): waypoints. `speed` (m,): zero at the first and last for a drive from rest to rest. Errors name
+    waypoints.
 
     Notes
     -----
