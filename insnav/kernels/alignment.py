@@ -8,7 +8,7 @@ from insnav.kernels import inner, njit
 from insnav.kernels.mechanization import quaternion_step
 
 SWEEPS = 20  # largest number of sweeps of Jacobi rotations; about five suffice
-REWEIGHTED, NEAR = 10, 0.05  # iterations of a robust mean; norm up to which an observation has full weight [-]
+REWEIGHTED, NEAR = 10, 0.05  # iterations of the mean rotation; distance from it with full weight [-]
 
 
 @njit(cache=True)
@@ -19,14 +19,14 @@ def gyro_history(q, w_ie_n, dt, dtheta, dvel, q_out, u_out):  # type: ignore[no-
     velocities [m/s] without bias. Row 0 of `q_out`, (n + 1, 4), and of `u_out`, (n + 1, 3), the integral of
     ``C_nb f_b`` [m/s], is the start.
     """
-    # element by element: assigning slices takes seconds to compile
+    # copies arrays element by element, as slices take seconds to compile
     x = np.zeros(10)
     for i in range(4):
         x[6 + i] = q[i]
         q_out[0, i] = q[i]
     u_out[0, 0] = u_out[0, 1] = u_out[0, 2] = 0.0
     for k in range(dt.shape[0]):
-        # specific force along the attitude half-way through the interval
+        # resolve the specific force with the attitude half-way through the interval
         h = 0.5 * dt[k]
         wn, we, wd = h * w_ie_n[0], h * w_ie_n[1], h * w_ie_n[2]
         rx, ry, rz = 0.5 * dtheta[k, 0], 0.5 * dtheta[k, 1], 0.5 * dtheta[k, 2]
@@ -199,7 +199,7 @@ def mean_rotation(seen, felt, weight, sign, each, mean, away):  # type: ignore[n
 
 @njit(cache=True)
 def level_history(dt, dtheta, dvel, bias, time_constant, turn, change):  # type: ignore[no-untyped-def]
-    """Integrate turn about the vertical and horizontal specific force for an IMU of unknown mounting.
+    """Integrate the turn about the vertical, and the horizontal specific force, of an IMU of unknown mounting.
 
     The gyros propagate the down axis in body axes, and the specific force corrects it with a `time_constant` [s]. A
     horizontal axis, propagated likewise, keeps its direction when the vehicle turns. Increments (n, 3) [rad], [m/s].
@@ -250,7 +250,7 @@ def level_history(dt, dtheta, dvel, bias, time_constant, turn, change):  # type:
             h[i] /= size
         turn[k + 1] = turn[k] + wx * d[0] + wy * d[1] + wz * d[2]
         change[k + 1, 0] = change[k, 0] + fx * h[0] + fy * h[1] + fz * h[2]
-        # d x h completes the level axes
+        # d x h is the second level axis
         cx, cy, cz = d[1] * h[2] - d[2] * h[1], d[2] * h[0] - d[0] * h[2], d[0] * h[1] - d[1] * h[0]
         change[k + 1, 1] = change[k, 1] + fx * cx + fy * cy + fz * cz
     for i in range(3):

@@ -6,9 +6,9 @@ import numpy as np
 
 from insnav.kernels import inner, njit
 
-BLOCK = 2048  # terms of a partial sum: limits rounding and fits into the cache
+BLOCK = 2048  # terms of a partial sum, which fits into the cache and limits rounding errors
 FAR = 30.0  # lag in sums of both averaging times beyond which a derivative replaces differences, which would cancel
-SHORT = 8  # segments with fewer lags are summed lag by lag
+SHORT = 8  # largest number of lags between two edges that are summed lag by lag
 
 # nodes and weights of Gauss and Legendre's rule on (-1, 1)
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(6)
@@ -34,7 +34,7 @@ def running_sum(values, mean, out):  # type: ignore[no-untyped-def]
 @njit(cache=True, nogil=True, fastmath={"reassoc", "contract", "nsz"})
 def _square_sum(near, middle, far):  # type: ignore[no-untyped-def]
     total = 0.0
-    for k in range(near.shape[0]):  # counts from zero: a possibly negative index would prevent SIMD
+    for k in range(near.shape[0]):  # index from 0: a possibly negative index would prevent vectorisation
         z = far[k] - 2.0 * middle[k] + near[k]
         total += z * z
     return total
@@ -62,8 +62,8 @@ def mean_square_second_difference(x, factors, out):  # type: ignore[no-untyped-d
 def _phase_covariance(t, theta, time):  # type: ignore[no-untyped-def]
     """Compute the autocovariance of the integrated noise at lag t >= 0, except terms in 1 and t^2, which cancel.
 
-    `theta`: squared coefficients of quantisation, white noise, flicker and random walk, Q^2, N^2, B^2, K^2, and
-    variance of a Gauss-Markov process. `time`: its correlation time.
+    `theta`: Q^2, N^2, B^2, K^2 (quantisation, white, flicker, random walk), variance of a Gauss-Markov process. `time`:
+    correlation time of this process.
     """
     if t < 0.5:
         return theta[0]
@@ -73,7 +73,7 @@ def _phase_covariance(t, theta, time):  # type: ignore[no-untyped-def]
     value += theta[3] / 12.0 * t * t * t
     if theta[4] > 0.0:
         u = t / time
-        if u < 0.05:  # the leading terms of the closed form cancel
+        if u < 0.05:  # a series, as the leading terms of the closed form cancel
             f = -u * u * u * (1.0 / 6.0 - u / 24.0 + u * u / 120.0 - u * u * u / 720.0)
         else:
             f = np.exp(-u) + u - 1.0 - 0.5 * u * u

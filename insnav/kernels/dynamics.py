@@ -7,12 +7,12 @@ import numpy as np
 from insnav.kernels import njit
 from insnav.kernels.earth import OMEGA, A, gravity_down, radii
 
-NAV = 9  # errors of position N, E, D [m], velocity [m/s] and attitude [rad]
+NAV = 9  # navigation errors: position N, E, D [m], velocity [m/s], attitude [rad]
 
 
 @njit(cache=True)
 def system_matrix(x, f_n, out):  # type: ignore[no-untyped-def]
-    """Fill the continuous-time error dynamics of position, velocity and attitude.
+    """Compute the continuous-time system matrix ``F`` of the errors of position, velocity and attitude.
 
     `x` (10,): navigation state; see `insnav.kernels.mechanization`. `f_n` (3,): specific force in n [m/s^2]. `out` (9,
     9): filled with ``F``.

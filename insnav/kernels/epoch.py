@@ -29,7 +29,7 @@ from insnav.kernels.measurements import (
 from insnav.kernels.smoother import keep, keep_state
 
 # At constant speed, a delay and a forward lever arm shift the antenna alike, and velocity corrections, mostly noise,
-# could separate them falsely. A delay is therefore observed only without the corrections within this time [s]
+# could separate them falsely. The velocity that makes a delay observable excludes corrections within this time [s]
 SHOWN_BY_IMU = 20.0
 TO_AND_FRO = 5.0  # largest ratio of the summed squares of tilt corrections to the square of their sum: beyond, noise
 MOST_CORRECTED = 0.3  # largest velocity correction attributed to noise [m/s]
@@ -121,7 +121,7 @@ def not_linear(q, estimated, p):  # type: ignore[no-untyped-def]
 
 @njit(cache=True)
 def fade(estimated, fading, times, sds, phi, q, span):  # type: ignore[no-untyped-def]
-    """Decay the time-correlated states over `span` (1,) [s] and apply the antenna swing, before a predict.
+    """Decay the time-correlated states over `span` (1,) [s] and apply the antenna swing, before a prediction.
 
     `fading` (k, 2): state and value of each time-correlated error. `times`, `sds` (k,): correlation times [s] and
     standard deviations. `phi`, `q` (n, n): transition and noise.

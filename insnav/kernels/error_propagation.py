@@ -107,7 +107,7 @@ def noises(x, f_n, dt, given, axis, white, drive, decay, first, hold, rows, out)
             q, u = p[s], b[axis[s]]
             gone = dt[k] * decay[s]
             d = np.exp(-gone)
-            g = -np.expm1(-gone) / gone if gone > 0.0 else 1.0  # mean of a decaying process over the step
+            g = -np.expm1(-gone) / gone if gone > 0.0 else 1.0  # mean over the step of a process that decays from 1
             _half(q, c[axis[s]], white[s], drive[s], dt[k])
             for i in range(NAV):
                 for j in range(WIDTH):
@@ -209,7 +209,7 @@ def corrupted_run(  # type: ignore[no-untyped-def]
         if more.shape[0] > 0:
             for i in range(6):
                 y[i] += more[k, i]
-        # gravity error, half before the step and half after it
+        # add half of the gravity error before the step, and half after it
         x[3] += 0.5 * h * gravity[0]
         x[4] += 0.5 * h * gravity[1]
         if not hold:

@@ -17,9 +17,9 @@ from insnav.kernels.dynamics import NAV, second_order, system_matrix
 from insnav.kernels.earth import OMEGA, radii
 from insnav.kernels.mechanization import quaternion_step, rotation, step, within_turn
 
-SENSOR = 12  # sensor errors
+SENSOR = 12  # number of sensor error states
 STATES = NAV + SENSOR
-SAME_TIME = 1e-6  # epochs closer than this are equal [s]
+SAME_TIME = 1e-6  # epochs closer than this count as equal [s]
 SUMS = 31  # integrals over a sub-step: time, specific force (3), C_nb, C_nb diag(w), C_nb diag(f) (9 each)
 
 
@@ -36,9 +36,9 @@ class Samples(NamedTuple):
 
 
 class Carried(NamedTuple):
-    """State carried from interval to interval."""
+    """Navigation state and integrals that `propagate` carries from interval to interval."""
 
-    x: np.ndarray  # (10,) state
+    x: np.ndarray  # (10,) navigation state, see `insnav.kernels.mechanization`
     # (12,) estimated sensor errors: gyro bias [rad/s], accelerometer bias [m/s^2], gyro, accelerometer scale factor [-]
     correction: np.ndarray
     # (6,) corrected body rate of the last interval [rad/s], acceleration in n [m/s^2] smoothed over a tenth of a second
@@ -48,7 +48,7 @@ class Carried(NamedTuple):
 
 
 class Model(NamedTuple):
-    """Noise of the sensors."""
+    """Noise model of the sensors, and limits of time."""
 
     # (4,) longest sub-step, longest time without a filter epoch, begin and end of the time at rest, in which horizontal
     # specific force is noise [s]
@@ -74,9 +74,9 @@ class Outputs(NamedTuple):
     grid: np.ndarray
     wanted: np.ndarray  # (k,) further output epochs, increasing [s]
     used: np.ndarray  # (2,) rows filled so far: of `time`, `aim`, `state`, and of `known`, `motion`
-    time: np.ndarray  # (m,) [s]
+    time: np.ndarray  # (m,) time of the row [s]
     aim: np.ndarray  # (m,) requested epoch of the row [s]; NaN: none, the row has its own time
-    state: np.ndarray  # (m, 10)
+    state: np.ndarray  # (m, 10) navigation state of the row
     known: np.ndarray  # (m,) row of the solution that has standard deviations
     motion: np.ndarray  # (m, 6) motion at these rows, as in `Carried`
 
@@ -334,7 +334,7 @@ def propagate(  # type: ignore[no-untyped-def]
                 grid[2] += 1.0
             if not due or (at_all and aim >= time[k] - SAME_TIME):
                 break
-            if grid[0] <= aim + SAME_TIME:  # further epochs of the grid in this interval have no row
+            if grid[0] <= aim + SAME_TIME:  # skip further grid epochs within this interval
                 grid[0] = (
                     max(np.floor((time[k] + SAME_TIME) / grid[1]), np.floor(grid[0] / grid[1] + 0.5)) + 1.0
                 ) * grid[1]
@@ -361,7 +361,7 @@ def reset_transition(phi, q, span):  # type: ignore[no-untyped-def]
 
 @njit(cache=True)
 def feed_back(x, correction, error):  # type: ignore[no-untyped-def]
-    """Subtract the estimated error from the state and the sensor corrections (closed loop)."""
+    """Subtract the estimated `error` (n,) from state `x` (10,) and `correction` (12,) of the sensors (closed loop)."""
     sin_lat = np.sin(x[0])
     rm, rn = radii(sin_lat)
     h = x[2]

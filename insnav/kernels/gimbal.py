@@ -21,7 +21,7 @@ STATES = 18
 COMPUTED = 7  # first state of the platform with errors
 TURN = 14  # first element of its quaternion
 NEIGHBOURS = 6  # samples for the interpolated value half-way between two samples
-ITERATIONS = 4  # of an implicit step; each reduces its error by a factor of at least 30, of 1e4 at 100 Hz
+ITERATIONS = 4  # iterations of an implicit step; each reduces its error by a factor of 30 or more, 1e4 at 100 Hz
 NEAREST_POLE = 1e-3  # smallest cosine of the latitude: 6 km from a pole
 HIGHEST = 1e6  # largest height [m]
 

@@ -225,7 +225,7 @@ def increments(  # type: ignore[no-untyped-def]
     regular, ready, scale = False, False, 1.0
     for m in range(parent.shape[0]):
         k = parent[m]
-        if dt[k] == 0.0:  # the first instantaneous value ends no interval
+        if dt[k] == 0.0:  # before the first instantaneous sample there is no interval
             for i in range(3):
                 dtheta[m, i] = dvel[m, i] = coning[m, i] = sculling[m, i] = 0.0
             continue

@@ -71,7 +71,7 @@ def subtract_products(y, i, a, x, b, z, columns):  # type: ignore[no-untyped-def
         y[i, j] -= part + b0 * z[0, j] + b1 * z[1, j] + b2 * z[2, j]
 
 
-@inner(forceinline=True, fastmath={"contract", "reassoc"})  # else each addition waits for the one before
+@inner(forceinline=True, fastmath={"contract", "reassoc"})  # else each addition waits for the addition before
 def inner_product(x, i, y, k, columns):  # type: ignore[no-untyped-def]
     """Compute the inner product of row `i` of `x` and row `k` of `y`, over the first `columns`."""
     total = 0.0
@@ -157,7 +157,7 @@ def forward(system, measured, start, jumps, out):  # type: ignore[no-untyped-def
     mean[0, :n], p[:n, :n] = start
     live, following, total, full = n, 0, 0.0, padded(n)
     for k in range(m):
-        while live > s and p[live - 1, live - 1] == 0.0:  # known exactly, like faults before they begin
+        while live > s and p[live - 1, live - 1] == 0.0:  # skip exactly known states, like later faults
             live -= 1
         wide = padded(live)
         if k > 0:
@@ -251,7 +251,7 @@ def backward(system, measured, out, rows, r, info, u, uu, told, driven):  # type
     p, t, f = make_rows(size, size), make_rows(NAV, size), make_rows(NAV, size)
     x, hs, ks, score = make_rows(3, size), make_rows(3, size), make_rows(3, size), make_rows(1, size)
     p9, t9, f9 = p[: NAV * blocks].reshape(blocks, NAV, size), t.reshape(1, NAV, size), f.reshape(1, NAV, size)
-    d, seen = np.zeros(max(whole, size)), np.empty(size, np.int64)  # the first nine of d stay zero
+    d, seen = np.zeros(max(whole, size)), np.empty(size, np.int64)  # d of navigation errors: zero
     for k in range(m - 1, -1, -1):
         for first in (3, 0):
             u[k, first : first + 3] = uu[k, first : first + 3] = 0.0
@@ -259,7 +259,7 @@ def backward(system, measured, out, rows, r, info, u, uu, told, driven):  # type
                 continue
             x[:], count = 0.0, 0
             for c in range(3):
-                for j in range(n):  # zero where nothing was measured
+                for j in range(n):  # the gain is zero where nothing was measured
                     hs[c, j], ks[c, j] = h[k, first + c, j], gain[k, first + c, j]
                 if variance[k, first + c] <= 0.0:
                     hs[c] = 0.0
@@ -339,7 +339,7 @@ def combine(g, info, y):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, nogil=True)
 def cross(system, measured, out, info, at, g, last):  # type: ignore[no-untyped-def]
-    """Return cross information (m, d, d) of steps along `g` (n, d), d up to 9, at one epoch and each one to `last`.
+    """Return cross information (m, d, d) of steps along `g` (n, d), d up to 9, at epoch `at` and each epoch to `last`.
 
     Of epochs a < b it is g' L' info_b g if `at` is b, its transpose if `at` is a; `info` is from `backward`. L is the
     closed-loop transition from a to b, both just before the measurement. Other epochs are zero.

@@ -23,7 +23,7 @@ TURNED = 46  # heading change by corrections since the last epoch [rad]
 BEGAN = slice(47, 49)  # horizontal velocity at the start of the span since the last epoch [m/s]
 SQUARES = slice(49, 52)  # see `insnav.kernels.epoch.beyond_linear`
 TILTED = slice(52, 56)  # sum of tilt corrections N, E [rad]; its largest square, and the squares counted [rad^2]
-FURTHER = 56  # first value of the further blocks
+FURTHER = 56  # index of the first value of the further blocks
 # rows of a table `places` (k, 3), one per further block: first state (-1: known), first value, number of states
 DELAYED, CORRELATED, LEVER, SWINGING, LAGGED = range(5)
 DELAY, LASTING = 56, slice(57, 63)  # delay [s]; time-correlated errors of fixes [m], [m/s]
@@ -45,7 +45,7 @@ def _before(c, turn, earlier):  # type: ignore[no-untyped-def]
     once, twice = np.zeros((3, 3)), np.zeros((3, 3))
     crossed(c, turn, 0, 0, once)
     crossed(once, turn, 0, 0, twice)
-    for i in range(3):  # element by element: sums of arrays take long to compile
+    for i in range(3):  # computed element by element: sums of arrays take long to compile
         for j in range(3):
             earlier[i, j] = c[i, j] - once[i, j] + 0.5 * twice[i, j]
 
@@ -73,7 +73,7 @@ def antenna(x, motion, older, lever, delay, lag, lla, v_n, z, h):  # type: ignor
             swing[i] += turning[i, j] * lever[j]
             moved[i] -= c[i, j] * older[3 + j]
     sin_lat, cos_lat = np.sin(x[0]), np.cos(x[0])
-    # velocity is relative to the rotating Earth
+    # subtract the Earth rate: velocity is relative to the rotating Earth
     en, ed = OMEGA * cos_lat, -OMEGA * sin_lat
     swing[0] += ed * arm[1]
     swing[1] += en * arm[2] - ed * arm[0]
@@ -174,7 +174,7 @@ def assess(  # type: ignore[no-untyped-def]
     correlated_at, lag_at = places[CORRELATED, 0] if own else -1, places[LAGGED, 0] if own else -1
     lever_at, shaken_at, lag = places[LEVER, 0], places[SWINGING, 0], estimated[LAG] - late if own else 0.0
     whole = np.zeros(6)
-    for i in range(6):  # the total rate moves the antenna
+    for i in range(6):  # the antenna moves with the total rate, mean plus vibration
         whole[i] = motion[i] + (motion[6 + i] if i < 3 and shaken_at < 0 else 0.0)
     rotated, earlier = np.zeros((3, 3)), np.zeros((3, 3))
     rotation(x, rotated.reshape(9))
@@ -210,7 +210,7 @@ def assess(  # type: ignore[no-untyped-def]
         beyond = motion[6] ** 2 + motion[7] ** 2 + motion[8] ** 2
         steady = turning**2 / max(turning**2 + motion[9] ** 2, 1e-30)
         also = beyond / max(beyond + motion[10], 1e-30) if shaken_at < 0 else 0.0
-        for i in range(3):  # element by element: products of arrays take long to compile
+        for i in range(3):  # computed element by element: products of arrays take long to compile
             whole[i] = motion[i] * steady + motion[6 + i] * also**2
         crossed(earlier, whole, 3, lever_at, h)
     if shaken_at >= 0:
@@ -229,7 +229,7 @@ def assess(  # type: ignore[no-untyped-def]
         r[i, i] += (1.0 - share) * position_sd[row, i] ** 2
         r[3 + i, 3 + i] += velocity_sd[row, i] ** 2 if velocity_sd[row, i] > 0.0 else 1.0
     n = p.shape[0]
-    hp = np.zeros((6, n))  # most of h is zero
+    hp = np.zeros((6, n))  # h P, skipping zeros: most of h is zero
     for i in range(6):
         for k in range(n):
             by = h[i, k]
@@ -353,7 +353,7 @@ def zero_velocity(x, bias, rate, z, h):  # type: ignore[no-untyped-def]
     rotation(x, c.reshape(9))
     earth = OMEGA * np.array([np.cos(x[0]), 0.0, -np.sin(x[0])])
     h[:] = 0.0
-    crossed(c.T.copy(), -earth, 3, 6, h)  # -C_bn [w_ie x]
+    crossed(c.T.copy(), -earth, 3, 6, h)  # derivative of the Earth rate by attitude: -C_bn [w_ie x]
     for i in range(3):
         z[i] = x[3 + i]
         h[i, 3 + i] = 1.0
@@ -382,7 +382,7 @@ def body_heading(x, heading, z, h):  # type: ignore[no-untyped-def]
 
 @njit(cache=True)
 def innovation(p, z, h, r, first, last, s):  # type: ignore[no-untyped-def]
-    """Compute covariance and NIS of an innovation: rows `first` to `last` - 1, white noise of variances `r`."""
+    """Compute covariance `s` and NIS of the rows `first` to `last` - 1 of an innovation, with noise variances `r`."""
     n = p.shape[0]
     m = last - first
     for i in range(m):

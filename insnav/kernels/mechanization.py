@@ -31,7 +31,7 @@ def within_turn(lon):  # type: ignore[no-untyped-def]
 
 @njit(cache=True)
 def quaternion_step(x, rx, ry, rz, px, py, pz):  # type: ignore[no-untyped-def]
-    """Q <- q(-r) (x) q (x) q(p): navigation frame rotated by r, body by p, both rotation vectors [rad]."""
+    """Update the quaternion q of `x` to q(-r) (x) q (x) q(p): r rotates the navigation frame, p the body [rad]."""
     # quaternions from series in half the angle: r is tiny, and p exact to rounding below 0.6 rad; scalar parts minus 1
     r2 = 0.25 * (rx * rx + ry * ry + rz * rz)
     a0 = -0.5 * r2
@@ -78,7 +78,7 @@ def polar_step(x, dt, un, ue, ud, px, py, pz, north, hold, height, v_down):  # t
     vn, ve, vd = x[3], x[4], x[5]
     sin_lat, cos_lat = np.sin(lat), np.cos(lat)
     rm, rn = radii(sin_lat)
-    tn, td = OMEGA * cos_lat * dt, -OMEGA * sin_lat * dt  # the Earth's rotation
+    tn, td = OMEGA * cos_lat * dt, -OMEGA * sin_lat * dt  # rotation of the Earth in this interval [rad]
     un, ue, ud = un + 0.5 * td * ue, ue - 0.5 * (td * un - tn * ud), ud - 0.5 * tn * ue
     mn = vn + 0.5 * (un + north * gravity_north(sin_lat, cos_lat, h) * dt) + td * ve
     me = ve + 0.5 * ue - (td * vn - tn * vd)
@@ -94,7 +94,7 @@ def polar_step(x, dt, un, ue, ud, px, py, pz, north, hold, height, v_down):  # t
     v1d = vd + ud + g * dt - 2.0 * tn * me
     dn, de, dd = 0.5 * dt * (vn + v1n), 0.5 * dt * (ve + v1e), 0.5 * dt * (vd + v1d)
 
-    rho = (rn + h) * cos_lat  # distance from the axis
+    rho = (rn + h) * cos_lat  # distance from the Earth's axis [m]
     out, along = -sin_lat * dn - cos_lat * dd, cos_lat * dn - sin_lat * dd
     turn = np.arctan2(de, rho + out)
     out = ((2.0 * rho + out) * out + de * de) / (rho + np.sqrt((rho + out) * (rho + out) + de * de))
@@ -127,7 +127,7 @@ def polar_step(x, dt, un, ue, ud, px, py, pz, north, hold, height, v_down):  # t
 
 @njit(cache=True)
 def rotation(x, c):  # type: ignore[no-untyped-def]
-    """Compute ``C_nb`` of the state, row by row (9,)."""
+    """Compute ``C_nb`` of the state `x` (10,) into `c` (9,), row by row."""
     q0, q1, q2, q3 = x[6], x[7], x[8], x[9]
     c[0] = q0 * q0 + q1 * q1 - q2 * q2 - q3 * q3
     c[1] = 2.0 * (q1 * q2 - q0 * q3)
@@ -262,7 +262,7 @@ def _forward(q0, q1, q2, q3, x, y, z):  # type: ignore[no-untyped-def]
 
 @inner()
 def _runge_kutta(xb, yb, zb, xm, ym, zm, xe, ye, ze, fb, gb, hb, fm, gm, hm, fe, ge, he):  # type: ignore[no-untyped-def]
-    """Classical fourth-order step of quaternion and velocity together (Hairer, Norsett, Wanner 1993, section II.1)."""
+    """Advance quaternion and velocity by the Runge-Kutta method (Hairer, Norsett, Wanner 1993, section II.1)."""
     a0, a1, a2, a3 = quaternion_rate(1.0, 0.0, 0.0, 0.0, xb, yb, zb)
     p0, p1, p2, p3 = 1.0 + 0.5 * a0, 0.5 * a1, 0.5 * a2, 0.5 * a3
     b0, b1, b2, b3 = quaternion_rate(p0, p1, p2, p3, xm, ym, zm)
@@ -293,7 +293,7 @@ def increments(method, instant, dt, gyro, accel, dtheta, dvel, coning, sculling)
     samples. Other arguments: as in `insnav.kernels.increments.increments`.
     """
     for k in range(dt.shape[0]):
-        if dt[k] == 0.0:  # the first instantaneous value ends no interval
+        if dt[k] == 0.0:  # before the first instantaneous sample there is no interval
             for i in range(3):
                 dtheta[k, i] = dvel[k, i] = coning[k, i] = sculling[k, i] = 0.0
             continue

@@ -156,7 +156,7 @@ def innovations(  # type: ignore[no-untyped-def]
             p[i, j] = start[1][i, j]
     lasts = lasting_sd.shape[0] if lasting > 0 else 0
     usual, count = -1.0, 0
-    bias, bias_variance = np.zeros((each, 3)), np.ones(3)  # of the gyros without rounding error, at its last change
+    bias, bias_variance = np.zeros((each, 3)), np.ones(3)  # gyro biases without rounding error, at its last change
     for k in range(span.shape[0]):
         dt = span[k]
         if dt > 0.0:
@@ -171,7 +171,7 @@ def innovations(  # type: ignore[no-untyped-def]
             gyro = density[0] + density[2] * share[k, 0]
             accel = density[1] + density[3] * share[k, 1]
             for i in range(NAV):
-                for j in range(wide):  # vectorised over columns
+                for j in range(wide):  # this loop over columns vectorises
                     total = 0.0
                     for a in range(STATES):
                         total += phi[k, i, a] * p[a, j]
@@ -194,7 +194,7 @@ def innovations(  # type: ignore[no-untyped-def]
                 p[3 + i, 3 + i] += bridge[k, i] + (second if i < 2 else 0.0)
             for i in range(NAV, n):
                 by = fade[i]
-                for j in range(8, wide):  # from 8: whole registers; column 8 is overwritten below
+                for j in range(8, wide):  # from 8, for whole registers; column 8 is overwritten below
                     p[i, j] *= by * fade[j]
             for i in range(NAV):
                 for j in range(NAV, wide):

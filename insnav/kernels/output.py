@@ -97,7 +97,7 @@ WIDEST = 26  # largest number of bytes of a cell, including its separator
 LARGEST = 1e10  # the shortest text of larger numbers, and of numbers below `SMALLEST`, has an exponent
 SMALLEST = 1e-6
 _EXACT = 1e15  # decimal numbers of up to 15 digits all differ as doubles
-_PAIRS = np.frombuffer(b"".join(b"%02d" % i for i in range(100)), np.uint8).copy()  # all numbers of two digits
+_PAIRS = np.frombuffer(b"".join(b"%02d" % i for i in range(100)), np.uint8).copy()  # digits of 00 to 99
 
 
 @njit(cache=True)
@@ -108,7 +108,7 @@ def rows_as_text(values, scale, places, out):  # type: ignore[no-untyped-def]
     per number.
     Returns: number of bytes; -1 if a number needs an exponent or more digits.
     """
-    at, one = np.uint64(0), np.uint64(1)  # unsigned indices need no check for counting from the end
+    at, one = np.uint64(0), np.uint64(1)  # unsigned indices need no test for negative values
     ten, hundred, myriad = np.uint64(10), np.uint32(100), np.uint64(10000)
     for row in range(values.shape[1]):
         for column in range(values.shape[0]):
@@ -122,7 +122,7 @@ def rows_as_text(values, scale, places, out):  # type: ignore[no-untyped-def]
                     out[at] = 45
                     at += one
                 number, each = np.uint64(np.int64(size)), np.uint64(np.int64(scale[column]))  # signed: one instruction
-                whole = np.uint64(np.int64(size / scale[column]))  # exact: both are integers below 2^53
+                whole = np.uint64(np.int64(size / scale[column]))  # exact, as both are integers below 2^53
                 rest = number - whole * each
                 count, limit = one, ten
                 while whole >= limit:
@@ -142,7 +142,7 @@ def rows_as_text(values, scale, places, out):  # type: ignore[no-untyped-def]
                     if odd:
                         rest *= ten
                     i = at + places[column] - one + odd
-                    while i > at + one + one:  # four digits at a time
+                    while i > at + one + one:  # write four digits at a time
                         left = rest // myriad
                         four = np.uint32(rest - left * myriad)
                         two = four // hundred

@@ -20,7 +20,7 @@ TIME, KIND, SOURCE, STATE, CORRECTION, ARM, RESIDUAL, NOISE = 0, 1, 2, 3, 13, 25
 JACOBIAN = NOISE + 36
 COAST, RESTART = 0, -1  # values of `KIND` without a measurement; otherwise one bit for each used row
 POSITION, VELOCITY = 7, 56  # bits of `KIND` for the three rows of position and of velocity
-FIX, AIDING = 1, 2  # sources of a measurement
+FIX, AIDING = 1, 2  # values of `SOURCE`
 
 
 def width(n: int) -> int:
@@ -262,7 +262,7 @@ def _compare(row, n, p, information, error, hp, by, out):  # type: ignore[no-unt
             if share != 0.0:
                 for j in range(n):
                     hp[i, j] += share * p[a, j]
-    _product(hp, information, hp.shape[0], by)  # with a literal 6, numba would compile another version
+    _product(hp, information, hp.shape[0], by)  # a literal 6 would make numba compile `_product` again
     for i in range(6):
         shift, before, explained = 0.0, 0.0, 0.0
         for j in range(n):
@@ -298,7 +298,7 @@ def correct(time, state, epoch, after, before):  # type: ignore[no-untyped-def]
         while k + 1 < m and epoch[k + 1] <= t + 1e-6:
             k += 1
         if t < epoch[k] - 1e-6 or (k + 1 == m and t > epoch[k] + 1e-6):
-            continue  # no epoch before or after this time
+            continue  # no correction without an epoch before and after this time
         span = epoch[k + 1] - epoch[k] if t > epoch[k] + 1e-6 else 0.0
         for i in range(NAV):
             error[i] = after[k, i]

@@ -23,10 +23,10 @@ LONGEST_FREE = 300.0  # longest time in which the vertical channel's instability
 
 @dataclass(frozen=True, slots=True)
 class BudgetSettings:
-    """Settings of a budget."""
+    """Settings of an error budget."""
 
-    times: Sequence[float] = (10.0, 20.0, 30.0, 40.0, 50.0, 60.0)  # when errors are reported [s]
-    runs: int = 0  # simulated runs; 0: none
+    times: Sequence[float] = (10.0, 20.0, 30.0, 40.0, 50.0, 60.0)  # times at which errors are reported [s]
+    runs: int = 0  # number of simulated runs; 0: none
     seed: int = 1  # random seed
     deflection: float = 0.0  # deflection of the vertical outside the gravity model, 1 sd per axis [rad]
     hold: bool | None = None  # constrain the vertical channel to the reference; None: where it would become unstable
@@ -36,7 +36,7 @@ class BudgetSettings:
 
 
 class BudgetOptions(TypedDict, total=False):
-    """`BudgetSettings` by name."""
+    """Settings of an error budget by name, see `BudgetSettings`."""
 
     times: Sequence[float]
     runs: int

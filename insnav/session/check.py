@@ -47,7 +47,7 @@ WORST_FIRST: Final = (
     *(Code.CHECK_JITTER, Code.CHECK_NO_REST, Code.CHECK_VELOCITY_LAG, Code.CHECK_NO_LEVER_ARM),
 )
 BEGIN = 300.0  # length of the part of a drive that is navigated [s]
-ATTEMPTS = 6  # to read the files, each with the inputs that the last refusal requested
+ATTEMPTS = 6  # largest number of readings, each with the inputs requested by the last refusal
 WORTH = {"delay": 0.05, "lever": 0.2}  # smallest delay [s] and lever arm [m] that are reported
 STEP = 0.004 * G0  # smallest reported change of specific force between stops [m/s^2]
 LEAST_RATE, JITTER = 40.0, 0.05  # lowest rate [Hz], largest jitter [intervals] without a finding
@@ -55,7 +55,7 @@ LEAST_RATE, JITTER = 40.0, 0.05  # lowest rate [Hz], largest jitter [intervals] 
 
 @dataclass(frozen=True, slots=True)
 class Checked:
-    """Result of a check of files."""
+    """Result of `check`: role of each file, statistics, problems, and the command to run."""
 
     roles: Mapping[str, str]  # role of each file
     command: str  # ``insnav run`` command, as complete as the known inputs allow
@@ -66,8 +66,8 @@ class Checked:
     mounting: Mounting | None = None
     run: Run | None = None  # result of the filter; None if the files cannot be navigated
     rest: tuple[float, float] | None = None  # first stationary interval [s]
-    runs: bool = False  # the command ran successfully
-    runs_as_given: bool = False  # insnav run accepts the files without options
+    runs: bool = False  # whether the command ran successfully
+    runs_as_given: bool = False  # whether ``insnav run`` accepts the files without options
 
 
 @dataclass(slots=True)
@@ -78,7 +78,7 @@ class _Patient:
     roles: dict[str, str] = field(default_factory=dict)
     problems: list[Finding] = field(default_factory=list)
     refusals: int = 0
-    parts: Mapping[str, str | Path] = field(default_factory=dict)  # files that belong together
+    parts: Mapping[str, str | Path] = field(default_factory=dict)  # file of each part of the recording
 
     def add(self, code: Code, begin: float = np.nan, **values: Any) -> None:
         """Add a finding."""
@@ -133,7 +133,7 @@ def check(
     facts = {} if data is None else data.facts
     if data is None and "gps" in by_role:
         facts, found = _fixes_alone(by_role["gps"], found, patient)
-    if given.get("axes") is None and "imu" in facts:  # a refusal, not the user, supplied the axes
+    if given.get("axes") is None and "imu" in facts:  # a refusal, not the user, supplied these axes
         evidence = tuple(each for each in facts["imu"].evidence if each.code is not Code.AXES_GIVEN)
         facts = {**facts, "imu": replace(facts["imu"], evidence=evidence)}
     problems = tuple(sorted(patient.problems, key=lambda each: WORST_FIRST.index(each.code)))
@@ -208,7 +208,7 @@ def _opened(given: Mapping[str, str | Path], patient: _Patient) -> tuple[Recordi
         recording, drive = _attempt(parts, patient)
         largest = largest or recording
         patient.parts = parts
-        if drive is not None and "reference" not in given and "reference" in parts:  # the file has no fixes
+        if drive is not None and "reference" not in given and "reference" in parts:  # the GPS file is a reference
             patient.problems, patient.refusals = [], 0
             patient.roles[str(parts["reference"])] = "reference"
         if drive is not None or (recording is not None and recording.gps is not None and "reference" not in parts):
@@ -426,7 +426,7 @@ def _command(patient: _Patient) -> str:
 
 
 def _spelled(value: object, size: float) -> str:
-    """Format the value of an option in the unit of this size."""
+    """Format the value of an option in its unit; `size`: the unit in SI units."""
     if isinstance(value, Mapping):
         return ",".join(f"{key}={each}" for key, each in value.items())
     if isinstance(value, list | tuple | np.ndarray):

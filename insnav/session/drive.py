@@ -95,7 +95,7 @@ def load(
 def align(
     samples: Given | ImuData, gps: Given | GpsData | None = None, **inputs: Unpack[NamedInputs]
 ) -> Result[FineAlignment]:
-    """Align a static record, as `Drive.align` does; see `load` for the inputs.
+    """Align a stationary record, as `Drive.align` does; see `load` for the inputs.
 
     Parameters
     ----------
@@ -545,7 +545,7 @@ class Drive:
         return f"the positions of {Path(self.reference.facts.path).name} ({description})"
 
     def _events(self) -> tuple[Finding, ...]:
-        """Return the events of reading, in order of time."""
+        """Return the events found when the files were read, in order of time."""
         return by_time([event for reading in self.recording.given().values() for event in reading.events])
 
     @property

@@ -161,7 +161,7 @@ class OnlineFilter:
         self._nav: Navigator | None = None
         self._last, self._ended, self._retry = -np.inf, -np.inf, -np.inf  # newest sample, gap, next alignment [s]
         self._aligning, self._held = True, self._nothing  # samples for alignment
-        # fixes of the time that may be repeated
+        # fixes since the oldest stored state
         self._gps = GpsData(none, three, three, three, three, np.empty(0, np.int64))
         self._recent: list[ImuData] = []  # samples after the oldest stored state
         self._saved: list[tuple[float, float, tuple[Any, ...]]] = []  # time of state, of newest sample, state

@@ -26,9 +26,9 @@ if TYPE_CHECKING:
 
 
 class PlatformReading(TypedDict, total=False):
-    """Further files of a platform, and how to read the specific force."""
+    """Further input files of `platform`, and how to read the specific force."""
 
-    heights: Given | None  # to damp the vertical channel
+    heights: Given | None  # heights that damp the vertical channel
     ref: Given | None  # reference trajectory
     # see `insnav.input.readers.specific_force.read_specific_force`
     axes: LevelAxes | None

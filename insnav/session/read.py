@@ -92,7 +92,7 @@ def _fixes_beside(imu: Any, inputs: Inputs) -> Reading[GpsData] | None:
     """Read fixes in the rows of the samples; None for a solution, with new fixes in most rows (usable with --gps)."""
     clock = {key: header for key, header in (inputs.get("columns") or {}).items() if key == "time"}
     inputs = {**inputs, "gps_columns": inputs.get("gps_columns") or clock}
-    with suppress(InputError):  # no error without fixes, as none were specified
+    with suppress(InputError):  # without fixes there is no error, as none were specified
         found = _read_gps(imu, inputs)
         return found if found.facts.n_used < MOST_FIXES * found.facts.n_rows else None
     return None

@@ -33,7 +33,7 @@ LONGEST_PARTS = 600.0  # longest outage for which real IMUs are evaluated [s]
 
 @dataclass(frozen=True, slots=True)
 class RequirementSettings:
-    """Settings of a requirement."""
+    """Settings of a requirement on an IMU, see `require`."""
 
     probability: float = 0.95  # required probability that the error is within the limit
     component: Component = "horizontal"  # component of the position error
@@ -44,7 +44,7 @@ class RequirementSettings:
 
 
 class RequirementOptions(TypedDict, total=False):
-    """`RequirementSettings` by name."""
+    """Settings of a requirement by name, see `RequirementSettings`."""
 
     probability: float
     component: Component
@@ -56,7 +56,7 @@ class RequirementOptions(TypedDict, total=False):
 
 @dataclass(frozen=True, slots=True)
 class Moving:
-    """Motion for a requirement."""
+    """Motion on which an IMU must meet a requirement."""
 
     truth: Truth
     description: str

@@ -52,7 +52,7 @@ class SimulationOptions(TypedDict, total=False):
 
 @dataclass(frozen=True, slots=True)
 class Motion:
-    """Motion to be measured."""
+    """Motion that the simulated sensors measure."""
 
     name: str
     purpose: str
@@ -88,7 +88,7 @@ class Plan:
         return self.motion.truth
 
     def measured(self) -> Recording:
-        """Measure the motion once."""
+        """Simulate the sensor data of the motion."""
         perfect = perfect_imu(self.truth, self.rate, self.sampling)
         return simulate_recording(
             self.truth,
@@ -171,7 +171,7 @@ def plan_of(motion: Motion, options: SimulationOptions, configuration: Mapping[s
     """Complete the input of a simulation: look up sensor models and faults; see `SimulationOptions`."""
     imu, gps = options.get("imu", "consumer"), options.get("gps", "single")
     seed, run = options.get("seed", 1), options.get("run")
-    dataclass_truth: Any = motion.truth  # every truth is a dataclass, which its base class cannot declare
+    dataclass_truth: Any = motion.truth  # typed as Any: each truth is a dataclass, but its base class is not
     truth: Truth = replace(dataclass_truth, gravity=options.get("gravity", "full"))
     return Plan(
         replace(motion, truth=truth),

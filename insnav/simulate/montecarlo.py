@@ -26,7 +26,7 @@ from insnav.findings import ErrorFacts
 from insnav.types import FloatArray, IntArray
 
 KEEP_EVERY = 2.0  # interval of storing progress on disk [s]
-_SEED_BITS = 53  # size of a seed: JSON readers represent larger integers inexactly
+_SEED_BITS = 53  # size of a seed [bits]: JSON readers represent larger integers inexactly
 _ARRAYS = ("number", "seed", "figures", "total")
 
 
@@ -46,8 +46,8 @@ class Runs:
     # (n,) number, from 1, and seed of the successful runs
     number: IntArray
     seed: IntArray
-    figures: FloatArray  # (n, k) their figures
-    total: FloatArray  # sum of their series
+    figures: FloatArray  # (n, k) figures of the successful runs
+    total: FloatArray  # sum of the series of the successful runs
     failures: tuple[Failure, ...]  # failed runs
 
     @property
@@ -89,13 +89,13 @@ class Checkpoint:
                     file.flush()
                     os.fsync(file.fileno())
                 temporary.replace(self.path)
-            finally:  # also when a signal interrupts the program
+            finally:  # delete it also when a signal interrupts the program
                 temporary.unlink(missing_ok=True)
 
     def load(self) -> Runs | None:
         """Read the file; None if there is none. A file of another series or another program is refused."""
         try:
-            # opened here: numpy does not close an invalid file
+            # open the file here, as numpy does not close an invalid file
             with self.path.open("rb") as stream, np.load(stream, allow_pickle=False) as file:
                 loaded = {name: file[name] for name in file.files}
             key, failures = str(loaded["key"]), json.loads(str(loaded["failures"]))
@@ -177,7 +177,7 @@ def monte_carlo(
                 checkpoint.save(finished)
                 saved_at = time.monotonic()
     finally:
-        # also after an interruption, so that finished runs are kept
+        # save the finished runs, also after an interruption
         if checkpoint is not None and finished.done > begun.done:
             checkpoint.save(finished)
     return finished

@@ -29,7 +29,7 @@ from insnav.units import DEG, G0, UNITS
 
 NORTH_EAST = np.array([0.6, 0.8, 0.0])  # unit vector along which faults move fixes, North, East, Down
 _AXES = ("gyro-x", "gyro-y", "gyro-z", "accel-x", "accel-y", "accel-z")
-_ALWAYS = "imu-units", "imu-axes"  # faults of all samples, without a time
+_ALWAYS = "imu-units", "imu-axes"  # faults that affect all samples and have no time
 _DIRECTIONS = {"F": (0, 1.0), "B": (0, -1.0), "R": (1, 1.0), "L": (1, -1.0), "D": (2, 1.0), "U": (2, -1.0)}
 REFERENCE_RATE = 10.0  # rows of the reference per second [Hz]
 IDEAL_GPS_RATE = 1.0  # fixes of an error-free receiver per second [Hz]
@@ -116,7 +116,7 @@ def gps_flap(gps: GpsData, size: float, span: tuple[float, float]) -> GpsData:
     """Move four of every five fixes in `span` by `size` [m], each in another direction."""
     rows = np.flatnonzero(_inside(gps.time, span))
     offset = np.zeros((gps.time.shape[0], 3))
-    angle = 2.4 * np.arange(rows.shape[0])  # successive directions differ
+    angle = 2.4 * np.arange(rows.shape[0])  # direction of each offset [rad]: successive directions differ
     offset[rows] = float(size) * np.column_stack([np.cos(angle), np.sin(angle), np.zeros_like(angle)])
     offset[rows[::5]] = 0.0
     return replace(gps, lla=lla_offset(gps.lla, offset))
@@ -304,7 +304,7 @@ class Recording:
     gps: GpsData  # fixes with errors and faults
     reference: Trajectory  # exact motion of the IMU at `REFERENCE_RATE`
     errors: ImuErrors | None  # constant errors of the sampled IMU; None without errors
-    lever_b: FloatArray  # (3,) antenna seen from the IMU, body axes [m]
+    lever_b: FloatArray  # (3,) antenna position relative to the IMU, body axes [m]
 
 
 def simulate_recording(
@@ -376,7 +376,7 @@ def times(truth: Truth, rate: float) -> FloatArray:
 
 _FOLDER = Path(__file__).parent / "receivers"
 PRESETS = ("single", "dgps", "rtk", "urban")
-_MAX_RATE = 100.0  # [Hz]
+_MAX_RATE = 100.0  # highest rate of a receiver [Hz]
 
 
 def _pair(value: object) -> tuple[float, float]:

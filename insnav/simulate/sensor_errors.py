@@ -61,7 +61,7 @@ class ImuSimulation:
     """Samples of a simulated IMU, with their errors."""
 
     imu: ImuData  # samples with errors
-    errors: ImuErrors  # its constant errors: turn-on bias, scale factor, misalignment
+    errors: ImuErrors  # constant errors of the IMU: turn-on bias, scale factor, misalignment
     # (n, 3) total bias over time, turn-on and in-run [rad/s], [m/s^2]
     gyro_bias: FloatArray
     accel_bias: FloatArray
@@ -245,9 +245,9 @@ class GpsSpec:
     """Receiver specification with its antenna position."""
 
     name: str
-    errors: GpsErrors  # errors of its fixes
-    rate: float = 1.0  # [Hz]
-    lever_b: Triple = (0.0, 0.0, 0.0)  # antenna seen from the IMU, body axes [m]
+    errors: GpsErrors  # errors of the fixes
+    rate: float = 1.0  # fixes per second [Hz]
+    lever_b: Triple = (0.0, 0.0, 0.0)  # antenna position relative to the IMU, body axes [m]
     velocities: bool = True  # whether the receiver reports velocities
     # delay of the timestamp of a fix: mean, and its standard deviation [s]
     latency: float = 0.0
@@ -277,7 +277,7 @@ def measure_gps(truth: Truth, spec: GpsSpec, seed: Seed) -> GpsData:
     """
     outage_seed, multipath_seed, degraded_seed, delay_seed, noise_seed = np.random.SeedSequence(seed).spawn(5)
     count = int(np.floor(truth.duration * spec.rate * (1.0 + 1e-12)))
-    # no timestamp precedes the first measurable instant
+    # timestamps begin one interval after the start: none precedes the first measured instant
     time: FloatArray = truth.start + np.arange(1.0, count + 1.0) / spec.rate
     late = spec.latency + spec.jitter * np.random.default_rng(delay_seed).standard_normal(count)
     valid = np.sort(time - late)  # sorted, as jitter may exceed the interval between fixes

@@ -42,11 +42,11 @@ from insnav.types import FloatArray, GpsData, ImuData, Sampling, Trajectory
 
 Gravity = Literal["full", "plumb", "linear"]  # see `Truth`
 Vector = tuple[FloatArray, FloatArray, FloatArray]  # separate components: numpy is twice as fast on contiguous arrays
-_LONGEST_PIECE = 0.02  # [s]; five nodes a piece leave less than 1e-13 of an increment up to 15 Hz
+_LONGEST_PIECE = 0.02  # [s]; five nodes per piece integrate motion up to 15 Hz to 1e-13 of an increment
 _FINE = 4.2  # pieces per knot interval above which four nodes suffice: motion is slower than the knots
 _CHUNK = 1024  # pieces at a time: the arrays of one chunk fit in the cache
-_SLIVER = 1e-9  # [s]; a knot closer to a sample time needs no separate piece
-_SMALL = 1e-3  # squared angle below which the series of the factors are exact to rounding [rad^2]
+_SLIVER = 1e-9  # a knot closer to a sample time than this needs no separate piece [s]
+_SMALL = 1e-3  # squared angle below which the series in `turn_factors` is exact to rounding [rad^2]
 
 Quaternion = tuple[FloatArray, FloatArray, FloatArray, FloatArray]
 
@@ -125,7 +125,7 @@ class Spline:
         return values
 
     def integral(self) -> Spline:
-        """Integrate; the result is zero at the first knot."""
+        """Return the integral, which is zero at the first knot."""
         return Spline(self.polynomials.antiderivative())
 
 
@@ -330,7 +330,7 @@ def circle(
     """
     if turn_rate == 0.0:
         raise ConfigError("sim.no_turn_rate", where="turn_rate")
-    # Position whose derivative is speed * (cos, sin)(heading + turn_rate t).
+    # Coefficients of the position whose derivative is speed * (cos, sin)(heading + turn_rate t).
     radius, sin, cos = speed / turn_rate, math.sin(heading), math.cos(heading)
     cosine, sine = np.array([sin, -cos, 0.0]) * radius, np.array([cos, sin, 0.0]) * radius
     bank = math.atan2(speed * turn_rate, float(earth.gravity_n(lla[0], lla[2])[2]))
@@ -340,7 +340,7 @@ def circle(
 
 
 def imu_from_truth(truth: Truth, time: FloatArray, sampling: Sampling = "increment") -> ImuData:
-    """Measure with a perfect IMU.
+    """Measure a motion with a perfect IMU.
 
     `time` (n + 1,): edges of the sampling intervals [s], strictly increasing: sample i covers ``time[i]`` to
     ``time[i + 1]`` and is stamped with its end. ``instant`` has no intervals: (n,) times. `sampling` {"increment",
@@ -411,7 +411,7 @@ def reference(truth: Truth, time: FloatArray) -> Trajectory:
 
 
 def gps_from_truth(truth: Truth, time: FloatArray, lever_b: FloatArray) -> GpsData:
-    """Measure with a perfect receiver at times ``(n,)`` [s], its antenna at `lever_b` ``(3,)`` from the IMU [m].
+    """Measure a motion with a perfect receiver at times ``(n,)`` [s]; its antenna is at `lever_b` ``(3,)`` [m].
 
     Returns: position and velocity of the antenna, v + C_nb (w_eb_b x lever) (Groves 2013, section 14.3.1). The lever
     arm is projected on the tangent plane, with an error of 1e-7 m per metre. Standard deviations are unknown.
@@ -556,5 +556,5 @@ def gravity_e(x: FloatArray, y: FloatArray, z: FloatArray, gravity: Gravity) -> 
     s, c = np.sin(lat), np.cos(lat)
     outward = -c * down - s * north
     along = -s * down + c * north
-    outward /= np.maximum(p, 1e-9)  # on the axis x and y are zero
+    outward /= np.maximum(p, 1e-9)  # avoids division by zero: on the axis x and y are zero
     return x * outward, y * outward, along

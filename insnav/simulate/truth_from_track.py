@@ -28,7 +28,7 @@ _STIFFNESS = 1e-3  # weight of the penalty that bridges gaps, relative to a posi
 _MOVING = 1.0  # speed above which the course is used as heading [m/s]
 _PASSES = 5  # iterations of the robust fit
 _FAR = 3.0  # residual, in standard deviations, with half weight
-_FEWEST = 20  # rows of a track
+_FEWEST = 20  # smallest number of rows of a track
 _FAR_OFF = 1.0  # rms position difference beyond which a replica is doubtful [m]
 _WILD = 10.0  # acceleration over ground beyond which a replica is doubtful [m/s^2]
 _LONG_GAP = 3.0  # time without a row beyond which a replica is doubtful [s]
@@ -79,7 +79,7 @@ def truth_from_track(track: Trajectory) -> LevelTruth:
 
 @dataclass(frozen=True, slots=True)
 class Residual:
-    """Deviation of a motion from its track, and its extremes."""
+    """Differences between a motion and its track, and extreme values of both."""
 
     # root mean square of the differences [m], [m/s]; NaN without velocities in the track
     position: float
@@ -107,7 +107,7 @@ class Residual:
 
 
 def track_residual(truth: Truth, track: Trajectory) -> Residual:
-    """Compare a motion with its track."""
+    """Compute the differences between a motion and the track from which it was built."""
     at = truth.evaluate(track.time)
     distance = np.linalg.norm(ned_offset(track.lla, at.lla), axis=1)
     known = np.isfinite(track.v_n).all(axis=1)

@@ -217,8 +217,8 @@ _TRANSITION = 0.5  # shortest time to begin or end a turn [s]
 class State:
     """State of a vehicle between two moves."""
 
-    speed: float = 0.0  # forward [m/s]
-    heading: float = 0.0  # not wrapped [rad]
+    speed: float = 0.0  # forward speed [m/s]
+    heading: float = 0.0  # heading, not wrapped [rad]
     # roll, pitch, yaw of a table on a slide [rad]: pitch turns the roll axis, yaw turns both axes. None after a spin
     table: tuple[float, float, float] | None = (0.0, 0.0, 0.0)
 
@@ -344,7 +344,7 @@ def spin(state: State, axis: FloatArray, angle: float, rate: float, acceleration
 
 AXES = ("x", "y", "roll", "pitch", "yaw")  # of a slide: forward, right [m]; of its table: angles [rad]
 _SMALL_TURN = 0.01  # rotation of a table axis, to find its direction in the body [rad]
-_BOTH = 0.96  # limit of acceleration along, and across, a circle, as a share of the largest acceleration
+_BOTH = 0.96  # largest acceleration along, and across, a circle, as a share of the given limit
 
 
 def linear(state: State, change: FloatArray, rate: FloatArray, acceleration: FloatArray) -> Move:

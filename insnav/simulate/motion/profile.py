@@ -27,14 +27,14 @@ from insnav.simulate.truth import EarthTruth, LevelTruth, Spline, Truth, Turns, 
 from insnav.types import FloatArray
 from insnav.units import G0
 
-_SPACINGS = (0.04, 0.02, 0.01, 0.005, 0.0025, 0.002, 0.001)  # of knots: round, to coincide with samples [s]
+_SPACINGS = (0.04, 0.02, 0.01, 0.005, 0.0025, 0.002, 0.001)  # of knots: round, so that knots meet samples [s]
 _PER_PERIOD = 20.0  # knots per shortest period of a move, for example of coning
 _POLAR = math.radians(80.0)  # latitude beyond which Earth-fixed axes are used [rad]
-_DEGREE = 7  # of the splines
+_DEGREE = 7  # degree of the splines
 _PASSES = 4  # iterations of `earth_path`
-_LONGEST = 48.0 * 3600.0  # duration of a motion [s]
+_LONGEST = 48.0 * 3600.0  # longest duration of a motion [s]
 _MAX_MOVES = 20_000
-_HIGHEST_VIBRATION = 100.0  # [Hz]
+_HIGHEST_VIBRATION = 100.0  # highest frequency of a vibration [Hz]
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,7 +55,7 @@ class Start:
 class Commands:
     """Commanded motion of the vehicle at n evenly spaced instants."""
 
-    time: FloatArray  # (n,) since the start [s]
+    time: FloatArray  # (n,) time since the start [s]
     # (n,) forward speed [m/s], heading [rad], climb angle [rad], velocity to the right [m/s]
     speed: FloatArray
     heading: FloatArray
@@ -161,7 +161,7 @@ def earth_path(t: FloatArray, velocity: FloatArray, lla: FloatArray) -> tuple[Sp
         v_e = velocity[:, :1] * north_axis + velocity[:, 1:2] * east_axis
         along = np.einsum("ij,ij->i", v_e, away) / (meridian + height)
         aside = np.einsum("ij,ij->i", v_e, across) / (transverse + height)
-        tilt = along[:, None] * away + aside[:, None] * across  # rotation of the upward normal per second
+        tilt = along[:, None] * away + aside[:, None] * across  # rotation rate of the upward normal [rad/s]
         turn_e = np.cross(-down, tilt)
         # resolved in the moving axes, the rotation multiplies from the right; it is a sum of small rotations
         turn = np.column_stack([np.einsum("ij,ij->i", turn_e, axis) for axis in (north_axis, east_axis, down)])
@@ -264,7 +264,7 @@ def way_through(
     arrival = np.concatenate([[0.0], np.cumsum(np.diff(length) * 2.0 / np.maximum(v[1:] + v[:-1], 1e-9))])
     count = int(np.ceil((arrival[-1] + 2.0 * _SMOOTHING) / spacing)) + 1
     t: FloatArray = spacing * np.arange(count, dtype=np.float64)
-    # symmetric smoothing preserves the total length
+    # smooth symmetrically, which preserves the total length
     half = max(1, round(0.5 * _SMOOTHING / spacing))
     x = np.arange(-half, half + 1) / (half + 1.0)
     kernel = (1.0 - x**2) ** 4
