@@ -59,7 +59,7 @@ def joined(end, dt, gyro, accel, gap, instant, count, inside, out):  # type: ign
         scale = dt[k] if instant else 1.0
         x, y, z = gyro[k, 0] * scale, gyro[k, 1] * scale, gyro[k, 2] * scale
         fx, fy, fz = accel[k, 0] * scale, accel[k, 1] * scale, accel[k, 2] * scale
-        if rows == 0 or inside == count or gap[k] != out[rows - 1, 8]:
+        if rows == 0 or inside == count or gap[k] != out[rows - 1, 8]:  # start a new row
             rows, inside = rows + 1, 0
             for i in range(1, 8):
                 out[rows - 1, i] = 0.0
@@ -124,7 +124,7 @@ def _nearest(b, sign, k, v, out):  # type: ignore[no-untyped-def]
     Davenport's q-method (Markley and Mortari, J. Astronautical Sciences 48 (2000) 359-380): the quaternion is the
     eigenvector of the largest eigenvalue, here computed by Jacobi rotations.
     """
-    k[0, 0] = sign * (b[0, 0] + b[1, 1] + b[2, 2])
+    k[0, 0] = sign * (b[0, 0] + b[1, 1] + b[2, 2])  # Davenport's matrix (4, 4)
     for i in range(3):
         j, m = (i + 1) % 3, (i + 2) % 3
         k[0, i + 1] = k[i + 1, 0] = sign * (b[m, j] - b[j, m])
@@ -151,7 +151,7 @@ def _nearest(b, sign, k, v, out):  # type: ignore[no-untyped-def]
                 for m in range(4):
                     k[i, m], k[j, m] = c * k[i, m] - s * k[j, m], s * k[i, m] + c * k[j, m]
                     v[m, i], v[m, j] = c * v[m, i] - s * v[m, j], s * v[m, i] + c * v[m, j]
-        if off <= 1e-32 * size:
+        if off <= 1e-32 * size:  # diagonal to rounding
             break
     most = 0
     for i in range(1, 4):
@@ -215,7 +215,7 @@ def level_history(dt, dtheta, dvel, bias, time_constant, turn, change):  # type:
         d[2], size = 1.0, 1.0
     for i in range(3):
         d[i] /= size
-    flat = 0
+    flat = 0  # body axis nearest to the horizontal plane
     for i in range(1, 3):
         if abs(d[i]) < abs(d[flat]):
             flat = i

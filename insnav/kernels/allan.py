@@ -110,12 +110,12 @@ def _pair(mi, mj, n, theta, time):  # type: ignore[no-untyped-def]
     ni, nj = float(n - 2 * mi), float(n - 2 * mj)
     low, high = 1.0 - ni, nj - 1.0
     span = 2.0 * (mi + mj)
-    edges = np.empty(19)
+    edges = np.empty(19)  # lags between which the covariance is smooth
     edges[0], edges[1] = low, high
     for a in range(3):
         for b in range(3):
             edges[2 + 3 * a + b] = a * mi - b * mj
-    first, last = -2.0 * mj, 2.0 * mi
+    first, last = -2.0 * mj, 2.0 * mi  # lags at which second differences cease to overlap
     edges[11], edges[12], edges[13] = first - 0.5 * span, first - 2.0 * span, first - 8.0 * span
     edges[14], edges[15], edges[16] = last + 0.5 * span, last + 2.0 * span, last + 8.0 * span
     edges[17], edges[18] = 0.0, nj - ni

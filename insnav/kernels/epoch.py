@@ -166,9 +166,9 @@ def felt(estimated, rates, forces, swings, older, number, late, has_arm, stays, 
     for i in range(3):
         bias, scale, force_scale = correction[i], 1.0 + correction[6 + i], 1.0 + correction[9 + i]
         motion[i], motion[3 + i], motion[6 + i], motion[11 + i] = moving[i], moving[3 + i], 0.0, corrected[i]
-        motion[14 + i] = (forces[number, i] - correction[3 + i]) / force_scale
+        motion[14 + i] = (forces[number, i] - correction[3 + i]) / force_scale  # corrected specific force
         motion[18 + i] = motion[21 + i] = 0.0
-        if late != 0.0:
+        if late != 0.0:  # the velocity is older than the position
             motion[i] = (swings[number, i] - bias) / scale
             motion[18 + i] = (older[number, i] - late * bias) / scale
             motion[21 + i] = (older[number, 3 + i] - late * correction[3 + i]) / force_scale
@@ -208,14 +208,14 @@ def take(row, estimated, error, places, settled):  # type: ignore[no-untyped-def
         feed_back(x, correction, error)
         for i in range(3 if lever >= 0 else 0):
             arm[i] -= error[lever + i]
-    estimated[TURNED] += error[8]
+    estimated[TURNED] += error[8]  # heading correction since the last epoch
     squares, tilted, accel = estimated[SQUARES], estimated[TILTED], 0.0
     for i in range(NAV + 3, NAV + 6):
         accel += error[i] ** 2
     counted = count_tilt(tilted, error[6], error[7])
     squares[1] += counted
     squares[2] += counted * accel
-    for block in range(places.shape[0]):
+    for block in range(places.shape[0]):  # further states, except the lever arm, corrected above
         for i in range(places[block, 2] if block != LEVER else 0):
             estimated[places[block, 1] + i] -= error[places[block, 0] + i]
     if row.shape[0] > 0:

@@ -173,7 +173,7 @@ def corrupted_run(  # type: ignore[no-untyped-def]
     constrain the vertical channel to `height` (n,) [m] and `v_down` (n,) [m/s]. `rows` (r,) int: samples after which
     the state is stored, increasing. `out` (r, 10): states there.
     """
-    wandering, walking = np.empty(6), np.zeros(6)
+    wandering, walking = np.empty(6), np.zeros(6)  # in-run bias: Gauss-Markov process and random walk
     for i in range(6):
         wandering[i] = drift[i] * rng.standard_normal() if drift[i] > 0.0 else 0.0
     y, c = np.empty(6), np.empty(9)
@@ -193,7 +193,7 @@ def corrupted_run(  # type: ignore[no-untyped-def]
                     z = m[0] * rate[k, 0] + m[1] * rate[k, 1] + m[2] * rate[k, 2]
                 else:
                     z = m[0] * force[k, 0] + m[1] * force[k, 1] + m[2] * force[k, 2]
-                y[3 * sensor + i] = z + bend[sensor, 0, i] * abs(z) + bend[sensor, 1, i] * z * z
+                y[3 * sensor + i] = z + bend[sensor, 0, i] * abs(z) + bend[sensor, 1, i] * z * z  # non-linearity
         for i in range(3):
             g = g_sensitivity[i]
             y[i] += g[0] * force[k, 0] + g[1] * force[k, 1] + g[2] * force[k, 2]
@@ -215,7 +215,7 @@ def corrupted_run(  # type: ignore[no-untyped-def]
         if not hold:
             x[5] += 0.5 * h * gravity[2]
         for i in range(6):
-            y[i] *= h
+            y[i] *= h  # convert rates to increments
         held, down = height[k], v_down[k]
         step(x, h, y[0], y[1], y[2], y[3], y[4], y[5], coning, sculling, k, c, 1.0, hold, held, down)
         x[3] += 0.5 * h * gravity[0]
@@ -246,7 +246,7 @@ def _answer(since, rate, given, velocity, position, out):  # type: ignore[no-unt
     (3,): first and second integral of the specific force since the pulse.
     """
     x = rate * since
-    once = twice = thrice = 1.0
+    once = twice = thrice = 1.0  # short form, without the Schuler loop
     if x > 1e-4:
         once, twice, thrice = np.cos(x), np.sin(x) / x, 2.0 * (1.0 - np.cos(x)) / (x * x)
     for i in range(3):

@@ -250,7 +250,7 @@ def propagate(  # type: ignore[no-untyped-def]
     `Outputs`, to which rows are added. `work`: from `scratch`.
     Returns: first interval not processed: `last`, or earlier if the model's limit asks for a filter epoch.
     """
-    begin, rest, parts = limit[2], limit[3], sway.shape[0] + 1
+    begin, rest, parts = limit[2], limit[3], sway.shape[0] + 1  # stationary period and its parts
     kept, c, none = work[3], work[6], np.zeros(2)
     ig0, ig1, ig2 = 1.0 / (1.0 + correction[6]), 1.0 / (1.0 + correction[7]), 1.0 / (1.0 + correction[8])
     ia0, ia1, ia2 = 1.0 / (1.0 + correction[9]), 1.0 / (1.0 + correction[10]), 1.0 / (1.0 + correction[11])
@@ -258,13 +258,13 @@ def propagate(  # type: ignore[no-untyped-def]
         h = dt[k]
         if h <= 0.0:
             continue
-        tx = (dtheta[k, 0] - correction[0] * h) * ig0
+        tx = (dtheta[k, 0] - correction[0] * h) * ig0  # increments, corrected for bias and scale factor
         ty = (dtheta[k, 1] - correction[1] * h) * ig1
         tz = (dtheta[k, 2] - correction[2] * h) * ig2
         vx = (dvel[k, 0] - correction[3] * h) * ia0
         vy = (dvel[k, 1] - correction[4] * h) * ia1
         vz = (dvel[k, 2] - correction[5] * h) * ia2
-        resting = time[k] <= rest
+        resting = time[k] <= rest  # the vehicle is stationary
         row = max(0, min(int((time[k] - begin) / (rest - begin) * parts - 0.5), parts - 2)) if resting else 0
         stays = resting and sway.shape[0] > 0 and not np.isnan(sway[row, 0])
         if stays:  # the attitude is constant relative to the Earth: the body rotates with the Earth only
@@ -273,7 +273,7 @@ def propagate(  # type: ignore[no-untyped-def]
             tx, ty, tz = c[0] * north + c[6] * down, c[1] * north + c[7] * down, c[2] * north + c[8] * down
         vn, ve, vd = x[3], x[4], x[5]
         un, ue, ud = step(x, h, tx, ty, tz, vx, vy, vz, coning, sculling, k, c, 1.0, False, 0.0, 0.0)
-        sums[0] += h
+        sums[0] += h  # integrals over the sub-step; see `SUMS`
         sums[1] += un
         sums[2] += ue
         sums[3] += ud
@@ -289,18 +289,18 @@ def propagate(  # type: ignore[no-untyped-def]
             sums[23 + 3 * i] += c1 * vy
             sums[24 + 3 * i] += c2 * vz
         span[0] += h
-        rate, share = 1.0 / h, min(1.0, 10.0 * h)
+        rate, share = 1.0 / h, min(1.0, 10.0 * h)  # share of the new acceleration in its mean over 0.1 s
         motion[0], motion[1], motion[2] = tx * rate, ty * rate, tz * rate
         motion[3] += share * ((x[3] - vn) * rate - motion[3])
         motion[4] += share * ((x[4] - ve) * rate - motion[4])
         motion[5] += share * ((x[5] - vd) * rate - motion[5])
-        if gap[k] > 0.0:
+        if gap[k] > 0.0:  # add the error of interpolation across a data gap to the noise
             for i in range(3):
                 q[3 + i, 3 + i] += min(gap_noise[1] * gap[k] ** 2, gap_noise[3]) ** 2 * h / gap[k]
                 q[6 + i, 6 + i] += min(gap_noise[0] * gap[k] ** 2, gap_noise[2]) ** 2 * h / gap[k]
-        full = span[0] >= limit[1] - 1e-9
+        full = span[0] >= limit[1] - 1e-9  # the longest time without a filter epoch has passed
         ends = full or sums[0] >= limit[0] - 1e-9 or (close and k == last - 1)
-        if ends:
+        if ends:  # the sub-step ends: propagate transition and noise
             for j in range(SENSOR):  # the estimate of a time-correlated error decays like its expectation
                 u = sums[0] * decay[j]
                 kept[j] = 1.0 - u * (1.0 - u * (0.5 - u * (1.0 / 6.0 - u / 24.0))) if u < 5e-4 else np.exp(-u)
@@ -308,10 +308,10 @@ def propagate(  # type: ignore[no-untyped-def]
             ig0, ig1, ig2 = 1.0 / (1.0 + correction[6]), 1.0 / (1.0 + correction[7]), 1.0 / (1.0 + correction[8])
             ia0, ia1, ia2 = 1.0 / (1.0 + correction[9]), 1.0 / (1.0 + correction[10]), 1.0 / (1.0 + correction[11])
             if resting:
-                sums[1] = sums[2] = 0.0
+                sums[1] = sums[2] = 0.0  # horizontal specific force of a stationary vehicle is noise
             _substep(x, sums, noise, phi, q, work, stays, sway[row] if stays else none)
-        at_all = grid[1] <= 0.0
-        while True:
+        at_all = grid[1] <= 0.0  # every interval gives a row
+        while True:  # one turn for each output epoch in this interval
             further = wanted[int(grid[2])] if grid[2] < wanted.shape[0] else np.inf
             aim = min(grid[0], further)
             due = aim <= time[k] + SAME_TIME
@@ -338,7 +338,7 @@ def propagate(  # type: ignore[no-untyped-def]
                 grid[0] = (
                     max(np.floor((time[k] + SAME_TIME) / grid[1]), np.floor(grid[0] / grid[1] + 0.5)) + 1.0
                 ) * grid[1]
-        if full and not (close and k == last - 1):
+        if full and not (close and k == last - 1):  # ask for a filter epoch
             return k + 1
     return last
 

@@ -165,7 +165,7 @@ def interval_ends(time, nominal, longest, window, before, first, last, start, en
     """
     n = time.shape[0]
     for k in range(max(first - 1, 0), last):
-        step = nominal
+        step = nominal  # replaced below if no sample is missing
         if k < n - 1 and time[k + 1] - time[k] <= longest * nominal:
             step = time[k + 1] - time[k]
         elif k < n - 1:
@@ -219,8 +219,8 @@ def increments(  # type: ignore[no-untyped-def]
     coefficient, stage = np.zeros((6, WINDOW + 1)), np.zeros((6, 3))
     node = np.zeros(WINDOW + 2)
     table = np.zeros(WINDOW + 2)
-    wanted = WINDOW + 1 if instant else WINDOW
-    before = 3 if instant else 2
+    wanted = WINDOW + 1 if instant else WINDOW  # samples in a full window
+    before = 3 if instant else 2  # usual number of samples before the interval's sample
     last, a, size, offset = -1, 0, 0, 0
     regular, ready, scale = False, False, 1.0
     for m in range(parent.shape[0]):
@@ -231,14 +231,14 @@ def increments(  # type: ignore[no-untyped-def]
             continue
         if k != last:
             last = k
-            left, right = min(wanted - 1, k), min(wanted - 1, n - 1 - k)
+            left, right = min(wanted - 1, k), min(wanted - 1, n - 1 - k)  # samples on either side in the segment
             while segment[k - left] != segment[k]:
                 left -= 1
             while segment[k + right] != segment[k]:
                 right -= 1
             size = min(wanted, left + right + 1)
             offset = min(left, max(before, size - 1 - right))
-            a = k - offset
+            a = k - offset  # first sample of the window
             regular = True
             # the first sample of an instantaneous segment has no interval of its own
             for i in range(a + 1 if instant else a, a + size):
@@ -246,9 +246,9 @@ def increments(  # type: ignore[no-untyped-def]
                     regular = False
             scale = dt[k] if instant else 1.0
             ready = False  # compute polynomial coefficients only where needed
-        b, e = s0[m], s1[m]
+        b, e = s0[m], s1[m]  # start and end of the piece
         h = e - b
-        if regular and h == 1.0:
+        if regular and h == 1.0:  # a whole interval with equal spacing: tabulated weights suffice
             xb = yb = zb = xm = ym = zm = xe = ye = ze = xh = yh = zh = fm = gm = hm = fe = ge = he = 0.0
             for i in range(size):
                 wb = stages[size, offset, 0, i] * scale
@@ -295,7 +295,7 @@ def increments(  # type: ignore[no-untyped-def]
             xh, yh, zh = stage[3, 0], stage[3, 1], stage[3, 2]
             fm, gm, hm = stage[4, 0], stage[4, 1], stage[4, 2]
             fe, ge, he = stage[5, 0], stage[5, 1], stage[5, 2]
-        if h == 1.0 and not instant:
+        if h == 1.0 and not instant:  # the increment of a whole interval was measured
             for i in range(3):
                 dtheta[m, i] = gyro[k, i]
                 dvel[m, i] = accel[k, i]
@@ -307,7 +307,7 @@ def increments(  # type: ignore[no-untyped-def]
                 dtheta[m, i] = _integral(coefficient, i, e) - _integral(coefficient, i, b)
                 dvel[m, i] = _integral(coefficient, i + 3, e) - _integral(coefficient, i + 3, b)
 
-        a0, a1, a2, a3 = quaternion_rate(1.0, 0.0, 0.0, 0.0, xb, yb, zb)
+        a0, a1, a2, a3 = quaternion_rate(1.0, 0.0, 0.0, 0.0, xb, yb, zb)  # Runge-Kutta stages
         b0, b1, b2, b3 = quaternion_rate(1.0 + 0.5 * a0, 0.5 * a1, 0.5 * a2, 0.5 * a3, xm, ym, zm)
         c0, c1, c2, c3 = quaternion_rate(1.0 + 0.5 * b0, 0.5 * b1, 0.5 * b2, 0.5 * b3, xm, ym, zm)
         d0, d1, d2, d3 = quaternion_rate(1.0 + c0, c1, c2, c3, xe, ye, ze)
@@ -337,10 +337,10 @@ def increments(  # type: ignore[no-untyped-def]
         coning[m, 1] = stretch * q2 - kept * ty
         coning[m, 2] = stretch * q3 - kept * tz
 
-        ux, uy, uz = turned(m0, m1, m2, m3, fm, gm, hm)
+        ux, uy, uz = turned(m0, m1, m2, m3, fm, gm, hm)  # change of the specific force by rotation, at mid-interval
         wx, wy, wz = turned(q0, q1, q2, q3, fe, ge, he)
         vx, vy, vz = dvel[m, 0], dvel[m, 1], dvel[m, 2]
-        f1, f2 = turn_factors(angle2)
+        f1, f2 = turn_factors(angle2)  # effect of a constant rate, which is not sculling
         kx, ky, kz = ty * vz - tz * vy, tz * vx - tx * vz, tx * vy - ty * vx
         sculling[m, 0] = (4.0 * ux + wx) / 6.0 - f1 * kx - f2 * (ty * kz - tz * ky)
         sculling[m, 1] = (4.0 * uy + wy) / 6.0 - f1 * ky - f2 * (tz * kx - tx * kz)

@@ -188,7 +188,7 @@ def forward(system, measured, start, jumps, out):  # type: ignore[no-untyped-def
                     live = max(live, j + 1)
                 for i in range(NAV):
                     p[j, i] = p[i, j]
-        while following < row.shape[0] and row[following] <= k:
+        while following < row.shape[0] and row[following] <= k:  # add the variance of jumps at this epoch
             for i, c in np.ndindex(n, jump.shape[2]):
                 if jump[following, i, c] != 0.0:
                     live = max(live, i + 1)
@@ -214,11 +214,11 @@ def forward(system, measured, start, jumps, out):  # type: ignore[no-untyped-def
                     by = inner_product(hs, 0, ph, b, full)
                     for j in range(wide):
                         ph[i, j] -= by * ph[b, j]
-            error = z[k, i] - inner_product(hs, 0, mean, 0, full)
+            error = z[k, i] - inner_product(hs, 0, mean, 0, full)  # innovation
             own = var[k, i] + max(inner_product(hs, 0, ph, i, full), 0.0)  # negative only by rounding
             innovation[k, i], variance[k, i] = error, own
             total += np.log(own) + error * error / own
-            root = 1.0 / np.sqrt(own)
+            root = 1.0 / np.sqrt(own)  # scale P h so that its outer product is the reduction of P
             for j in range(n):
                 ph[i, j] *= root
                 gain[k, i, j] = ph[i, j] * root
@@ -226,7 +226,7 @@ def forward(system, measured, start, jumps, out):  # type: ignore[no-untyped-def
         if max(var[k, 0], var[k, 1], var[k, 2], var[k, 3], var[k, 4], var[k, 5]) > 0.0:
             for a in range(live):
                 subtract_products(p, a, ph[:3], ph[:3], ph[3:], ph[3:], wide)
-        mean[0, :n] -= fed[k]
+        mean[0, :n] -= fed[k]  # the filter run fed this error back
     return total
 
 
@@ -253,7 +253,7 @@ def backward(system, measured, out, rows, r, info, u, uu, told, driven):  # type
     p9, t9, f9 = p[: NAV * blocks].reshape(blocks, NAV, size), t.reshape(1, NAV, size), f.reshape(1, NAV, size)
     d, seen = np.zeros(max(whole, size)), np.empty(size, np.int64)  # d of navigation errors: zero
     for k in range(m - 1, -1, -1):
-        for first in (3, 0):
+        for first in (3, 0):  # velocity, then position: the reverse of the filter's order
             u[k, first : first + 3] = uu[k, first : first + 3] = 0.0
             if max(variance[k, first], variance[k, first + 1], variance[k, first + 2]) <= 0.0:
                 continue
@@ -272,7 +272,7 @@ def backward(system, measured, out, rows, r, info, u, uu, told, driven):  # type
                 i = first + c
                 if variance[k, i] <= 0.0:
                     continue
-                error = innovation[k, i] / variance[k, i] - inner_product(ks, c, score, 0, wide)
+                error = innovation[k, i] / variance[k, i] - inner_product(ks, c, score, 0, wide)  # smoothing error
                 own = 1.0 / variance[k, i] + inner_product(ks, c, x, c, wide)
                 u[k, i], uu[k, i] = error, own
                 # (I - K h')' N (I - K h') + h h' / s is N - h x' - x h' with x = N K - h uu / 2
@@ -289,7 +289,7 @@ def backward(system, measured, out, rows, r, info, u, uu, told, driven):  # type
             for a in seen[:count]:
                 for j in range(n):
                     p[j, a] = p[a, j]
-        if left >= 0 and rows[left] == k:
+        if left >= 0 and rows[left] == k:  # keep score and information of this epoch
             r[left], info[left], left = score[0, :n], p[:n, :n], left - 1
         for i in range(numbers.shape[0]):
             own = numbers[i]
@@ -350,7 +350,7 @@ def cross(system, measured, out, info, at, g, last):  # type: ignore[no-untyped-
     hs, ks, nav, d = make_rows(6, wide), make_rows(6, wide), make_rows(1, wide), np.zeros(wide)
     f9, ft9 = f.reshape(1, NAV, wide), ft.reshape(of_s, NAV, 16)
     x[:size, :n] = y[:size, :n] = g.T
-    if way < 0:
+    if way < 0:  # backwards, start from g' info
         combine(g, info[at], x)
     for k in range(at, last + way, way):
         if k != at:

@@ -80,7 +80,7 @@ def antenna(x, motion, older, lever, delay, lag, lla, v_n, z, h):  # type: ignor
     swing[2] -= en * arm[1]
 
     rm, rn = radii(sin_lat)
-    east = x[1] - lla[1]
+    east = x[1] - lla[1]  # longitude difference, wrapped to half a turn
     if east > np.pi:
         east -= 2.0 * np.pi
     elif east < -np.pi:
@@ -195,11 +195,11 @@ def assess(  # type: ignore[no-untyped-def]
         moving, unsure = moving + h[i, STATES] ** 2, unsure + STILL * p[3 + i, 3 + i]
     for i in range(3 if h.shape[1] > STATES else 0):  # a velocity within its noise must not determine the delay
         h[i, STATES] *= moving**2 / max(moving**2 + unsure**2, 1e-30)
-    if correlated_at >= 0:
+    if correlated_at >= 0:  # add the time-correlated error of the fix to its prediction
         for i in range(places[CORRELATED, 2]):
             z[i] += correlated[i]
             h[i, correlated_at + i] = 1.0
-    if lever_at >= 0:
+    if lever_at >= 0:  # derivatives by the lever arm
         for i in range(3):
             for j in range(3):
                 h[i, lever_at + j] = rotated[i, j] - arm[3 + 3 * i + j]
@@ -213,17 +213,17 @@ def assess(  # type: ignore[no-untyped-def]
         for i in range(3):  # computed element by element: products of arrays take long to compile
             whole[i] = motion[i] * steady + motion[6 + i] * also**2
         crossed(earlier, whole, 3, lever_at, h)
-    if shaken_at >= 0:
+    if shaken_at >= 0:  # velocity by vibration of the antenna
         crossed(earlier, motion[6:], 3, shaken_at, h)
         for i in range(3):
             for j in range(3):
                 z[3 + i] += h[3 + i, shaken_at + j] * shaken[j]
-    if lag_at >= 0:
+    if lag_at >= 0:  # a lag shifts the velocity in time like a delay
         for i in range(3, 6):
             h[i, lag_at] = h[i, STATES]
     for i in range(3):
         for j in range(3):
-            r[i, j] = jitter * jitter * x[3 + i] * x[3 + j]
+            r[i, j] = jitter * jitter * x[3 + i] * x[3 + j]  # timestamp jitter moves the fix along the velocity
             r[3 + i, 3 + j] = jitter * jitter * motion[3 + i] * motion[3 + j]
             r[i, 3 + j] = r[3 + i, j] = 0.0
         r[i, i] += (1.0 - share) * position_sd[row, i] ** 2

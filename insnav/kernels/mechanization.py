@@ -111,7 +111,7 @@ def polar_step(x, dt, un, ue, ud, px, py, pz, north, hold, height, v_down):  # t
     c, s = np.cos(0.5 * turn), np.sin(0.5 * turn)
     a0, a1, a2, a3 = c * np.cos(0.5 * rise), -s * cos_mid, c * np.sin(0.5 * rise), s * sin_mid
     wn, we, wd = turned(a0, a1, a2, a3, v1n, v1e, v1d)
-    x[2] = height if hold else h + up
+    x[2] = height if hold else h + up  # with `hold`, the vertical channel follows the given height
     x[3], x[4], x[5] = v1n + wn, v1e + we, v_down if hold else v1d + wd
     q0, q1, q2, q3 = x[6], x[7], x[8], x[9]
     q0, q1, q2, q3 = (
@@ -161,7 +161,7 @@ def step(x, dt, tx, ty, tz, vx, vy, vz, coning, sculling, k, c, north, hold, hei
     rotation(x, c)
     f1, f2 = turn_factors(tx * tx + ty * ty + tz * tz)
     kx, ky, kz = ty * vz - tz * vy, tz * vx - tx * vz, tx * vy - ty * vx
-    bx = vx + f1 * kx + f2 * (ty * kz - tz * ky) + sx
+    bx = vx + f1 * kx + f2 * (ty * kz - tz * ky) + sx  # velocity increment in axes at the start of the interval
     by = vy + f1 * ky + f2 * (tz * kx - tx * kz) + sy
     bz = vz + f1 * kz + f2 * (tx * ky - ty * kx) + sz
     un = c[0] * bx + c[1] * by + c[2] * bz

@@ -66,20 +66,20 @@ def tape(
     before = np.empty((m, n, n))
     rows, columns = np.tril_indices(n)
     before[:, rows, columns] = before[:, columns, rows] = covariance
-    measured = (kind > COAST)[:, None]
+    measured = (kind > COAST)[:, None]  # epochs with a measurement
     h = np.where(measured[:, :, None], jacobian.reshape(m, 6, n), 0.0)
-    used = measured & (kind[:, None] >> np.arange(6) & 1 > 0)
+    used = measured & (kind[:, None] >> np.arange(6) & 1 > 0)  # (m, 6) components that the run used
     z = np.where(used, history[:, RESIDUAL : RESIDUAL + 6], 0.0)
     of_used = np.where(used[:, :, None], h, 0.0)
     hp = of_used @ before
-    both = used[:, :, None] & used[:, None]
+    both = used[:, :, None] & used[:, None]  # pairs of used components
     noise_of = np.where(both, history[:, NOISE : NOISE + 36].reshape(m, 6, 6), np.eye(6))
-    s = hp @ np.swapaxes(of_used, 1, 2) + noise_of
+    s = hp @ np.swapaxes(of_used, 1, 2) + noise_of  # innovation covariance
     gain = np.linalg.inv(s) @ hp
-    reduction = np.swapaxes(gain[:, :, :STATES], 1, 2) @ hp[:, :, :STATES]
+    reduction = np.swapaxes(gain[:, :, :STATES], 1, 2) @ hp[:, :, :STATES]  # of the covariance by measurements
     after = np.roll(before[:, :STATES, :STATES] - reduction, 1, axis=0)  # covariance after the previous epoch
     gyro, accel = _white(phi, span, 6), _white(phi, span, 3)
-    still = held(phi)
+    still = held(phi)  # in a long stationary period, the filter ignores the gyros
     gyro[still] = 0.0
     by_gyro, own = (np.diagonal(each, axis1=1, axis2=2) for each in (gyro, before))
     # noise beyond white and driving noise comes from misalignment, a bridged gap or a stationary period
@@ -160,7 +160,7 @@ def innovations(  # type: ignore[no-untyped-def]
     for k in range(span.shape[0]):
         dt = span[k]
         if dt > 0.0:
-            if abs(dt - usual) > 1e-9:
+            if abs(dt - usual) > 1e-9:  # decay factors for another time step
                 usual = dt
                 for j in range(SENSOR):
                     fade[NAV + j] = np.exp(-dt * decay[j])
@@ -191,7 +191,7 @@ def innovations(  # type: ignore[no-untyped-def]
                         total += w[i, a] * phi[k, j, a]
                     p[i, j] = p[j, i] = total
             for i in range(6):
-                p[3 + i, 3 + i] += bridge[k, i] + (second if i < 2 else 0.0)
+                p[3 + i, 3 + i] += bridge[k, i] + (second if i < 2 else 0.0)  # bridged gaps and second-order terms
             for i in range(NAV, n):
                 by = fade[i]
                 for j in range(8, wide):  # from 8, for whole registers; column 8 is overwritten below
@@ -215,7 +215,7 @@ def innovations(  # type: ignore[no-untyped-def]
             for j in range(3):
                 bias_variance[j] += dt * driving[j]
                 before, state = drawn[k, 0, j], NAV + j
-                if np.isnan(before):
+                if np.isnan(before):  # no change of the rounding error at this epoch
                     continue
                 by = bias_variance[j] / (bias_variance[j] + before)  # see `insnav.filter.estimate.Estimate`
                 mean[state] -= correction[k, 0, j]
@@ -232,7 +232,7 @@ def innovations(  # type: ignore[no-untyped-def]
                 at = lasting + j
                 p[at, at] += (1.0 - fade[at] ** 2) * lasting_sd[j] ** 2
                 mean[at] *= fade[at]
-        if kind[k] == RESTART:
+        if kind[k] == RESTART:  # explicit reset: clear position and velocity, add variance
             for i in range(n):
                 if i < 6 or 0 <= i - lasting < lasts:
                     means[:, i] = 0.0
@@ -245,7 +245,7 @@ def innovations(  # type: ignore[no-untyped-def]
                 p[at, at] = own
                 p[j, j] = max(p[j, j], 1.0001 * own)
                 p[j, at] = p[at, j] = -own
-        elif kind[k] > COAST:
+        elif kind[k] > COAST:  # measurement: process its components one after the other
             used = 0
             for i in range(6):
                 if not kind[k] & (1 << i):
@@ -271,7 +271,7 @@ def innovations(  # type: ignore[no-untyped-def]
                 out[0, count], out[1, count] = error, s
                 far = abs(error) / np.sqrt(s)
                 if far > limit:
-                    s *= far / limit
+                    s *= far / limit  # Huber's weight
                 inverse[used] = 1.0 / s
                 for a in range(n):
                     mean[a] += error / s * ph[used, a]
@@ -293,7 +293,7 @@ def innovations(  # type: ignore[no-untyped-def]
                     for j in range(wide):
                         p[a, j] -= g0 * ph[b, j] + g1 * ph[b + 1, j] + g2 * ph[b + 2, j]
             for a in range(n):
-                mean[a] -= fed[k, a]
+                mean[a] -= fed[k, a]  # the run fed this error back
         for c in range(each):
             for i in range(NAV):
                 push[c, k, i] = means[c, i]

@@ -79,7 +79,7 @@ def deviations(time, known, variance, axes_sd, rph, sd):  # type: ignore[no-unty
         before[7], now[7] = now[7], np.sqrt(max(pitch, 0.0) + axes_sd[1] * axes_sd[1])
         before[8], now[8] = now[8], np.sqrt(max(heading, 0.0) + axes_sd[2] * axes_sd[2])
         for k in range(last + 1, row + 1):
-            share = (time[k] - time[last]) / (time[row] - time[last]) if last >= 0 else 1.0
+            share = (time[k] - time[last]) / (time[row] - time[last]) if last >= 0 else 1.0  # sd is linear in time
             for j in range(9):
                 sd[k, j] = before[j] + share * (now[j] - before[j])
         last = row
@@ -119,25 +119,25 @@ def rows_as_text(values, scale, places, out):  # type: ignore[no-untyped-def]
                 if size >= min(_EXACT, LARGEST * scale[column]) or 0.0 < size < SMALLEST * scale[column]:
                     return -1
                 if parts < 0.0:
-                    out[at] = 45
+                    out[at] = 45  # minus sign
                     at += one
                 number, each = np.uint64(np.int64(size)), np.uint64(np.int64(scale[column]))  # signed: one instruction
                 whole = np.uint64(np.int64(size / scale[column]))  # exact, as both are integers below 2^53
                 rest = number - whole * each
                 count, limit = one, ten
-                while whole >= limit:
+                while whole >= limit:  # count the digits
                     count += one
                     limit *= ten
                 at += count
                 i = at
-                while whole >= ten:
+                while whole >= ten:  # write digits from the last
                     i -= one
                     tenth = whole // ten
                     out[i] = np.uint8(48) + np.uint8(whole - tenth * ten)
                     whole = tenth
                 out[i - one] = np.uint8(48) + np.uint8(whole)
                 if rest > 0:
-                    out[at] = 46
+                    out[at] = 46  # decimal point
                     odd = places[column] & one
                     if odd:
                         rest *= ten
@@ -154,10 +154,10 @@ def rows_as_text(values, scale, places, out):  # type: ignore[no-untyped-def]
                     if i > at:
                         out[i], out[i + one] = _PAIRS[rest + rest], _PAIRS[rest + rest + one]
                     at += places[column]
-                    while out[at] == 48:
+                    while out[at] == 48:  # drop trailing zeros
                         at -= one
                     at += one
-            out[at] = 44
+            out[at] = 44  # comma
             at += one
-        out[at - one] = 10
+        out[at - one] = 10  # line feed
     return np.int64(at)

@@ -304,7 +304,7 @@ def correct(time, state, epoch, after, before):  # type: ignore[no-untyped-def]
             error[i] = after[k, i]
         if span > 0.0:
             share = (t - epoch[k]) / span
-            rest, blend = 1.0 - share, share * share * (3.0 - 2.0 * share)
+            rest, blend = 1.0 - share, share * share * (3.0 - 2.0 * share)  # cubic Hermite interpolation
             for i in range(3):
                 bend = rest * after[k, 3 + i] - share * before[k + 1, 3 + i]
                 error[i] = (1.0 - blend) * after[k, i] + blend * before[k + 1, i] + span * share * rest * bend

@@ -88,7 +88,7 @@ class _Patient:
         """Report an error of insnav run, add the inputs that it requests, and return whether these inputs are new."""
         self.refusals += 1
         before = {**self.inputs}
-        for key, value in error.gives.items():
+        for key, value in error.gives.items():  # inputs that the error requests
             old = self.inputs.get(key)
             old = parse_units(old) if key == "units" and isinstance(old, str) else old
             merged = {**old, **value} if isinstance(old, Mapping) else value
@@ -236,7 +236,7 @@ def _attempt(parts: Mapping[str, str | Path], patient: _Patient) -> tuple[Record
             recording = read(parts["imu"], parts.get("gps"), parts.get("reference"), patient.inputs)
             return recording, drive_of(recording)
         except InsnavError as error:
-            if not patient.refused(error):
+            if not patient.refused(error):  # no new input to try
                 break
     return recording, None
 

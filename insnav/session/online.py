@@ -252,7 +252,7 @@ class OnlineFilter:
         self._gps = gps.rows(slice(first)).joined(new).joined(later) if later.time.size else gps.joined(new)
         if self._aligning or self._nav is None:
             return
-        if moment <= self._nav.done + tolerance:
+        if moment <= self._nav.done + tolerance:  # the filter is already past this fix: repeat samples
             self._repeat(moment)
         else:
             self._nav.take_fixes(self._gps)
@@ -282,7 +282,7 @@ class OnlineFilter:
         if np.inf > gap > LONGEST_GAP:
             if not self._aligning:
                 self._ended = before
-            self._aligning, self._held, self._saved, self._recent = True, self._nothing, [], []
+            self._aligning, self._held, self._saved, self._recent = True, self._nothing, [], []  # align anew
             self._gps = self._gps.rows(self._gps.time > before)
             self._record.event(Finding.of(Code.ONLINE_GAP, before, before + gap, gap_s=gap, limit_s=LONGEST_GAP))
         if not self._aligning:
@@ -340,7 +340,7 @@ class OnlineFilter:
         assert self._nav is not None
         nav, blocks = self._nav, [some]
         if some.time[-1] - some.time[0] > COAST:
-            edges = [0, *(np.flatnonzero(np.diff(some.time // COAST)) + 1).tolist(), None]
+            edges = [0, *(np.flatnonzero(np.diff(some.time // COAST)) + 1).tolist(), None]  # edges at multiples
             blocks = [some.rows(slice(*each)) for each in pairwise(edges)]
         for block in blocks:
             nav.feed(block)
@@ -348,14 +348,14 @@ class OnlineFilter:
             if not self._saved or nav.done >= self._saved[-1][0] + COAST:
                 self._saved.append((nav.done, float(block.time[-1]), nav.saved()))
                 while len(self._saved) > 1 and self._saved[1][0] < self._last - WINDOW:
-                    del self._saved[0]
+                    del self._saved[0]  # states that no fix can require any more
                 self._recent = [each for each in self._recent if each.time[-1] > self._saved[0][1]]
                 self._gps = self._gps.rows(self._gps.time >= self._saved[0][0])
 
     def _repeat(self, time: float) -> None:
         """Return to the last state stored before a time [s], and navigate the later samples again with all fixes."""
         assert self._nav is not None
-        while self._saved[-1][0] + strapdown.TIME_TOLERANCE >= time:
+        while self._saved[-1][0] + strapdown.TIME_TOLERANCE >= time:  # discard states after this time
             del self._saved[-1]
         done, newest, state = self._saved[-1]
         findings = self._record.found

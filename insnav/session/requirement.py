@@ -157,7 +157,7 @@ def study_of(
     """Allocate the errors that a requirement permits on a motion, verify them, and compare real IMUs."""
     begin = outage_begin(motion, required.after, settings.begin)
     window = sampled(motion.truth, begin, required.after, f"{motion.description}, GPS ends at {begin:g} s")
-    hold = required.after > LONGEST_FREE
+    hold = required.after > LONGEST_FREE  # constrain the vertical channel before it becomes unstable
     if hold and required.component != "horizontal":
         raise ConfigError("require.vertical_unstable", where="--component", limit_s=LONGEST_FREE)
     found = allocate(required, window, given=given, cost=settings.cost, hold=hold)

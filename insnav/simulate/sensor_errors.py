@@ -175,7 +175,7 @@ def flicker_processes(spacing: float, length: float) -> tuple[float, list[float]
     `spacing`: sampling interval [s]. `length`: time from the first to the last sample [s].
     """
     correlation_times = []
-    correlation_time = 0.3 * spacing
+    correlation_time = 0.3 * spacing  # shortest; the longest is about ten record lengths
     while correlation_time < 10.0 * length:
         correlation_times.append(correlation_time)
         correlation_time *= _FLICKER_RATIO
@@ -219,7 +219,7 @@ def gauss_markov(rng: np.random.Generator, time: FloatArray, sd: FloatArray, cor
     ratio = (time[-1] - time[0]) / max(1, len(time) - 1) / correlation_time
     decay = math.exp(-ratio)
     drive = rng.standard_normal((len(time), 3)) * sd
-    drive[1:] *= math.sqrt(-math.expm1(-2.0 * ratio))
+    drive[1:] *= math.sqrt(-math.expm1(-2.0 * ratio))  # the first value keeps the stationary sd
     process: FloatArray = first_order(drive, decay)
     return process
 

@@ -216,7 +216,7 @@ class LevelTruth(Truth):
         tau = self.elapsed(time)
         w_ib_b, f_b, v_n = _sensed(self, tau)
         lla = self.position(tau) + self.origin
-        lla[:, 1] = wrap_pi(lla[:, 1])
+        lla[:, 1] = wrap_pi(lla[:, 1])  # the curve may pass 180 deg of longitude
         rph = self.attitude(tau).copy()
         rph[:, 2] = wrap_two_pi(rph[:, 2])
         return Kinematics(lla, np.column_stack(v_n), rph, np.column_stack(w_ib_b), np.column_stack(f_b))
@@ -380,7 +380,7 @@ def integrate(truth: Truth, edges: FloatArray) -> FloatArray:
         w_ib_b, f_b = truth.sensed(nodes.ravel())
         for column, values in enumerate(w_ib_b + f_b):
             parts[part, column] = half[part] * (values.reshape(nodes.shape) @ weights)
-    if len(breaks) == len(edges):
+    if len(breaks) == len(edges):  # each interval is one piece
         return parts
     total: FloatArray = np.add.reduceat(parts, np.searchsorted(breaks, edges[:-1]), axis=0)
     return total
@@ -389,7 +389,7 @@ def integrate(truth: Truth, edges: FloatArray) -> FloatArray:
 def pieces(edges: FloatArray, knots: FloatArray) -> FloatArray:
     """Return the edges, the knots between edges, and further points that limit pieces to `_LONGEST_PIECE`."""
     knots = np.unique(knots[(knots > edges[0]) & (knots < edges[-1])])
-    after = np.searchsorted(edges, knots)
+    after = np.searchsorted(edges, knots)  # number of the edge after each knot
     separate = np.minimum(edges[after] - knots, knots - edges[after - 1]) > _SLIVER
     breaks = np.union1d(edges, knots[separate])
     count = np.ceil(np.diff(breaks) / _LONGEST_PIECE - 1e-6).astype(np.int64)

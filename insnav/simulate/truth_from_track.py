@@ -145,7 +145,7 @@ def _fitted(
     count = len(knots) - _DEGREE - 1
     t = np.clip(t, 0.0, duration)
     basis = csr_array(BSpline.design_matrix(t, knots, _DEGREE))
-    ones = np.ones(count)
+    ones = np.ones(count)  # for the penalty on third differences of the coefficients
     third_difference = csr_array(
         diags_array([-ones[3:], 3 * ones[3:], -3 * ones[3:], ones[3:]], offsets=[0, 1, 2, 3], shape=(count - 3, count))
     )
@@ -166,14 +166,14 @@ def _fitted(
             weighed = csr_array(matrix.T @ diags_array(weight))
             normal = csr_array(normal + weighed @ matrix)
             right += weighed @ known_values
-        bands = np.zeros((_DEGREE + 1, count))
+        bands = np.zeros((_DEGREE + 1, count))  # upper bands of the normal matrix
         for k in range(_DEGREE + 1):
             bands[_DEGREE - k, k:] = normal.diagonal(k)
         coefficients = np.asarray(solveh_banded(bands, right))
         for i, (matrix, known_values, least) in enumerate(rows):
             residual = known_values - matrix @ coefficients
             sd = max(least, 1.4826 * float(np.median(np.abs(residual))))
-            weights[i] = 1.0 / (sd**2 + (residual / _FAR) ** 2)
+            weights[i] = 1.0 / (sd**2 + (residual / _FAR) ** 2)  # Cauchy's weights
     return coefficients
 
 
@@ -210,7 +210,7 @@ def _bridged(track: Trajectory, rph: FloatArray) -> tuple[Trajectory, FloatArray
     """
     steps = np.diff(track.time)
     usual = float(np.median(steps))
-    wide = np.flatnonzero(steps > max(_GAP, 3.0 * usual))
+    wide = np.flatnonzero(steps > max(_GAP, 3.0 * usual))  # steps that are gaps in the track
     if not len(wide):
         return track, rph
     spacing = max(_SPACING, usual)

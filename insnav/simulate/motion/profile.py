@@ -76,8 +76,8 @@ def commands_of(moves: Sequence[Move], spacing: float) -> Commands:
     edges = np.concatenate([[0.0], np.cumsum([move.duration for move in moves])])
     # knots at round times coincide with samples, which avoids slivers in the quadrature
     t: FloatArray = spacing * np.arange(math.ceil(edges[-1] / spacing - 1e-9) + 1.0)
-    held = np.minimum(t, edges[-1])
-    first = np.searchsorted(held, edges, side="left")
+    held = np.minimum(t, edges[-1])  # times after the last move repeat its end
+    first = np.searchsorted(held, edges, side="left")  # number of the first instant of each move
     first[-1] = len(t)
     speed, heading, grade, right = (np.zeros(len(t)) for _ in range(4))
     for move, begin, a, b in zip(moves, edges, first[:-1], first[1:], strict=False):
@@ -165,7 +165,7 @@ def earth_path(t: FloatArray, velocity: FloatArray, lla: FloatArray) -> tuple[Sp
         turn_e = np.cross(-down, tilt)
         # resolved in the moving axes, the rotation multiplies from the right; it is a sum of small rotations
         turn = np.column_stack([np.einsum("ij,ij->i", turn_e, axis) for axis in (north_axis, east_axis, down)])
-        angle = cumulative_trapezoid(turn, t, axis=0, initial=0.0)
+        angle = cumulative_trapezoid(turn, t, axis=0, initial=0.0)  # sum of small rotations
         axes = quat_multiply(np.tile(start, (len(t), 1)), _wound(angle))
     north_axis, east_axis, down = _columns(axes)
     v_e = velocity[:, :1] * north_axis + velocity[:, 1:2] * east_axis - velocity[:, 2:] * down
@@ -175,7 +175,7 @@ def earth_path(t: FloatArray, velocity: FloatArray, lla: FloatArray) -> tuple[Sp
 def _wound(angle: FloatArray) -> FloatArray:
     """Compute quaternions (n, 4) after successive small rotations, from their cumulative sums ``(n, 3)`` [rad]."""
     steps = quat_from_rotvec(np.diff(angle, axis=0, prepend=angle[:1]))
-    reach = 1
+    reach = 1  # length of the products so far; it doubles in each turn of the loop
     while reach < len(steps):
         steps[reach:] = quat_multiply(steps[:-reach], steps[reach:])
         reach *= 2
@@ -194,7 +194,7 @@ def turns_of(moves: Sequence[Move], spacing: float) -> Turns:
     for move in moves:
         begin = edges[-1]
         if move.body is None:
-            pieces.append(np.zeros((_DEGREE + 1, 1, 3)))
+            pieces.append(np.zeros((_DEGREE + 1, 1, 3)))  # no rotation during this move
             breaks.append(np.array([begin + move.duration]))
             after = base[-1]
         else:
@@ -203,7 +203,7 @@ def turns_of(moves: Sequence[Move], spacing: float) -> Turns:
             polynomials = spline_through(local, move.body(local), _DEGREE).polynomials
             pieces.append(polynomials.c)
             breaks.append(begin + polynomials.x[1:])
-            after = quat_multiply(base[-1][None], quat_from_rotvec(move.body(local[-1:])))[0]
+            after = quat_multiply(base[-1][None], quat_from_rotvec(move.body(local[-1:])))[0]  # attitude after the move
         edges.append(float(breaks[-1][-1]))
         base.append(after)
     polynomials = PPoly(np.concatenate(pieces, axis=1), np.concatenate(breaks))
@@ -249,7 +249,7 @@ def way_through(
     fine = np.linspace(0.0, chord[-1], max(_FINE, 20 * len(chord)))
     slope = line(fine, nu=1) if line is not None else np.tile(offset[1, :2] / chord[1], (len(fine), 1))
     bend = line(fine, nu=2) if line is not None else np.zeros_like(slope)
-    stretch = np.linalg.norm(slope, axis=1)
+    stretch = np.linalg.norm(slope, axis=1)  # length of the line per length of chord
     curvature = np.abs(slope[:, 0] * bend[:, 1] - slope[:, 1] * bend[:, 0]) / stretch**3
     square = np.interp(fine, chord, speed**2)
     sideways = curvature * square
@@ -271,7 +271,7 @@ def way_through(
     pace = np.interp(t - _SMOOTHING, arrival, v, left=float(v[0]), right=float(v[-1]))
     smooth = np.convolve(np.pad(pace, half, mode="edge"), kernel / kernel.sum(), mode="valid")
     travelled = np.concatenate([[0.0], np.cumsum(0.5 * (smooth[1:] + smooth[:-1]) * spacing)])
-    travelled -= v[0] * _SMOOTHING
+    travelled -= v[0] * _SMOOTHING  # the first `_SMOOTHING` seconds lie before the first waypoint
     chord_at = np.interp(travelled, length, fine)
     course = np.unwrap(np.arctan2(slope[:, 1], slope[:, 0]))
     rise = PchipInterpolator(chord, lla[:, 2])(chord_at, nu=1) / np.interp(chord_at, fine, stretch)
