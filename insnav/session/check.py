@@ -180,9 +180,9 @@ def _sorted(files: Sequence[str | Path], patient: _Patient, roles: Mapping[Path,
             if role == "reference":
                 continue
         by_role[role] = each
-        both = {"imu", "gps"} <= kinds
-        patient.roles.setdefault(str(each), "IMU and GPS" if both else {"imu": "IMU", "gps": "GPS"}.get(role, role))
-        if both:
+        has_both = {"imu", "gps"} <= kinds
+        patient.roles.setdefault(str(each), "IMU and GPS" if has_both else {"imu": "IMU", "gps": "GPS"}.get(role, role))
+        if has_both:
             by_role.setdefault("gps", each)
     return by_role
 
@@ -269,8 +269,8 @@ def _examined(found: Checked, data: Recording, drive: Drive | None, patient: _Pa
     found = replace(found, imu=inspect_samples(imu, rest, still), rest=rest)
     _report_sensor_faults(imu, patient)
     for reading in data.given().values():
-        lost = of_code((*reading.events, *reading.facts.evidence), Code.ROWS_CUT, Code.READ_ROWS_UNREADABLE)
-        patient.problems += lost
+        lost_rows = of_code((*reading.events, *reading.facts.evidence), Code.ROWS_CUT, Code.READ_ROWS_UNREADABLE)
+        patient.problems += lost_rows
     _of_imu(data.imu, found, patient)
     if data.gps is not None:
         found = replace(found, gps=look_at_fixes(data.gps.data))
@@ -291,10 +291,10 @@ def _examined(found: Checked, data: Recording, drive: Drive | None, patient: _Pa
 
 def _standing(imu: ImuData, gps: GpsData) -> BoolArray | None:
     """Find samples at which the vehicle is stationary by GPS."""
-    known = np.isfinite(gps.v_n).all(axis=1)
-    if known.sum() < 2:
+    valid = np.isfinite(gps.v_n).all(axis=1)
+    if valid.sum() < 2:
         return None
-    return np.asarray(np.interp(imu.time, gps.time[known], np.linalg.norm(gps.v_n[known], axis=1)) < STATIC_SPEED)
+    return np.asarray(np.interp(imu.time, gps.time[valid], np.linalg.norm(gps.v_n[valid], axis=1)) < STATIC_SPEED)
 
 
 def _report_sensor_faults(imu: ImuData, patient: _Patient) -> None:

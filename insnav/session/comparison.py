@@ -78,10 +78,10 @@ def _fixes(run: Result[EvaluatedRun] | str | Path) -> GpsData | None:
 def _solutions(run: Result[EvaluatedRun] | str | Path, number: int) -> Iterator[Solution]:
     """Yield the filtered and, if present, the smoothed solution of a run."""
     if isinstance(run, Result):
-        name, found = f"run {number}", run.found.run
-        yield Solution(name, "filtered", found.solution, found.lever_b)
-        if found.smoothed is not None:
-            yield Solution(name, "smoothed", found.smoothed.solution, found.lever_b)
+        name, navigated = f"run {number}", run.found.run
+        yield Solution(name, "filtered", navigated.solution, navigated.lever_b)
+        if navigated.smoothed is not None:
+            yield Solution(name, "smoothed", navigated.smoothed.solution, navigated.lever_b)
         return
     folder = Path(run)
     name = plain_text(folder.resolve().name)

@@ -184,8 +184,8 @@ class Drive:
     @property
     def notes(self) -> tuple[Finding, ...]:
         """Assumptions, except the one on the IMU error specification."""
-        found = (finding for step in self.steps if step.name in LOAD for finding in step.findings)
-        return tuple(finding for finding in found if finding is not self.imu_chosen)
+        findings = (finding for step in self.steps if step.name in LOAD for finding in step.findings)
+        return tuple(finding for finding in findings if finding is not self.imu_chosen)
 
     def __repr__(self) -> str:
         lines = [each.lines()[0] for each in self.recording.facts.values()]
@@ -229,8 +229,8 @@ class Drive:
             The data cannot be navigated.
         """
         model = self.model if task is None else replace(self.model, task=task)
-        wanted = STEPS[len(self.steps) : STEPS.index(step) + 1]
-        recording, model, steps = run_steps(wanted, self.recording, model)
+        pending = STEPS[len(self.steps) : STEPS.index(step) + 1]
+        recording, model, steps = run_steps(pending, self.recording, model)
         return Drive(recording, model, (*self.steps, *steps))
 
     @in_notebook
@@ -496,8 +496,8 @@ class Drive:
             duration = rest[1] - rest[0]
             finding = Finding.of(Code.ALIGN_SHORT_REST, *rest, subject="imu", duration_s=duration, limit_s=SHORT_REST)
             notes.append(finding)
-        found = fine_alignment(self.imu.data, self.imu_spec, self._place(), rest, inputs.get("heading"))
-        return self.result("alignment", found, {}, (*notes, *self._events()))
+        alignment = fine_alignment(self.imu.data, self.imu_spec, self._place(), rest, inputs.get("heading"))
+        return self.result("alignment", alignment, {}, (*notes, *self._events()))
 
     def _place(self) -> FloatArray:
         """Return latitude, longitude [rad] and height [m] of a stationary record."""

@@ -65,21 +65,21 @@ def track_of(
     facts = read_facts(folder)
     name = solution or ("smoothed" if has_smoothed(folder) else "filtered")
     trajectory = read_solution(folder, "solution" if name == "filtered" else name)
-    known = np.isfinite(np.hstack((trajectory.lla, trajectory.v_n))).all(axis=1)
-    if not known.all():
-        lost, where = int(np.sum(~known)), str(folder)
-        raise InputError("session.rows_without_position", where=where, count=int(lost))
-    found: tuple[Finding, ...] = ()
+    has_position = np.isfinite(np.hstack((trajectory.lla, trajectory.v_n))).all(axis=1)
+    if not has_position.all():
+        n_lost, where = int(np.sum(~has_position)), str(folder)
+        raise InputError("session.rows_without_position", where=where, count=int(n_lost))
+    findings: tuple[Finding, ...] = ()
     if (point := vector("point", point)) is not None:
-        none = np.zeros((len(trajectory.time), 9, 9))
-        trajectory = move_to_point(trajectory, body_motion(trajectory)[0], point, none, np.zeros(3))
+        zero_covariance = np.zeros((len(trajectory.time), 9, 9))
+        trajectory = move_to_point(trajectory, body_motion(trajectory)[0], point, zero_covariance, np.zeros(3))
     if epochs is not None or interval > 0.0:
-        trajectory, found = _resampled(trajectory, interval, epochs)
+        trajectory, findings = _resampled(trajectory, interval, epochs)
     inputs = facts.get("input", {})
     gps = inputs.get("gps", {}) if isinstance(inputs, dict) else {}
     utc, gps_time = _instants(trajectory.time, _week(inputs) if week is None else week)
     title = f"{plain_text(folder.resolve().name)}, {name}"
-    return Track(trajectory, title, utc, gps_time, gps.get("height") or "ellipsoidal"), found
+    return Track(trajectory, title, utc, gps_time, gps.get("height") or "ellipsoidal"), findings
 
 
 def _resampled(track: Trajectory, interval: float, epochs: FloatArray | None) -> tuple[Trajectory, tuple[Finding, ...]]:

@@ -146,10 +146,10 @@ class OnlineFilter:
             if not 0.0 < value <= high:
                 raise ConfigError("input.out_of_range", where="correlated", value=value, low=0, high=high, unit=unit)
         inputs = checked(inputs)
-        given, start, rate = given_imu(imu), inputs.get("initial"), inputs.get("rate")
-        assert given is not None
+        spec_and_finding, start, rate = given_imu(imu), inputs.get("initial"), inputs.get("rate")
+        assert spec_and_finding is not None
         self._start = start if isinstance(start, Start) else None
-        self._spec, self._heading, self._static = given[0], inputs.get("heading"), inputs.get("static")
+        self._spec, self._heading, self._static = spec_and_finding[0], inputs.get("heading"), inputs.get("static")
         receiver = given_receiver(inputs)
         self._delay, delay = receiver.delay.value, replace(receiver.delay, value=0.0)
         self._receiver = replace(receiver, delay=delay)
@@ -157,7 +157,7 @@ class OnlineFilter:
         self._nothing = ImuData(none, three, three, inputs.get("sampling") or "mean", inputs.get("stamp") or "end")
         self._states, self._nominal, self._correlated = states, None if rate is None else 1.0 / rate, correlated
         self._record = _Findings()
-        self._record.event(given[1])
+        self._record.event(spec_and_finding[1])
         self._nav: Navigator | None = None
         self._last, self._ended, self._retry = -np.inf, -np.inf, -np.inf  # newest sample, gap, next alignment [s]
         self._aligning, self._held = True, self._nothing  # samples for alignment
@@ -272,8 +272,8 @@ class OnlineFilter:
         variances(p, now.x, variance[0])
         deviations(np.array([nav.done]), np.zeros(1, np.int64), variance, self._axes_sd, rph, sd)
         lla, v_n, gyro_bias, accel_bias = np.split(np.concatenate([now.x[:6], now.correction[:6]]), 4)
-        found = lla, v_n, rph[0], gyro_bias, accel_bias, p[:STATES, :STATES].copy(), sd[0], now.lever.copy()
-        return OnlineState(True, nav.done, *found, self._delay + now.delay, findings)
+        estimates = lla, v_n, rph[0], gyro_bias, accel_bias, p[:STATES, :STATES].copy(), sd[0], now.lever.copy()
+        return OnlineState(True, nav.done, *estimates, self._delay + now.delay, findings)
 
     def _take(self, some: ImuData) -> None:
         """Process samples without a long gap between them; start a new alignment after a gap before them."""
@@ -291,8 +291,8 @@ class OnlineFilter:
         self._recent.append(some)
         if self._last >= self._retry and self._gps.time.size:
             self._retry = self._last + COAST
-            held, self._recent = _joined([self._held, *self._recent]), []
-            self._held = self._align(held)
+            collected, self._recent = _joined([self._held, *self._recent]), []
+            self._held = self._align(collected)
 
     def _align(self, held: ImuData) -> ImuData:
         """Align with samples since the start, or since a gap, if sufficient; return samples still needed."""
@@ -311,7 +311,7 @@ class OnlineFilter:
         if self._correlated is not None:
             receiver = replace(receiver, correlated=CorrelatedNoise.of_fixes(*self._correlated, gps.position_sd))
         try:
-            ready, found = prepare(
+            ready, findings = prepare(
                 *(held, gps, self._spec, receiver),
                 states=self._states,
                 known=GivenStart(start, self._static, self._heading if first else None),
@@ -321,16 +321,16 @@ class OnlineFilter:
         except AlignmentError as error:
             self._cause = error.facts
             return held if moving is None else held.rows(held.time > until)  # try again with later data only
-        self._aligning, self._nominal, at = False, ready.nominal, ready.alignment
-        methods = (at.level_method, at.sd[:2].max()), (at.heading_method, at.sd[2])
-        for each in (*found, *(Finding.of(Code(how), ready.initial.time, sd_rad=sd) for how, sd in methods)):
+        self._aligning, self._nominal, alignment = False, ready.nominal, ready.alignment
+        methods = (alignment.level_method, alignment.sd[:2].max()), (alignment.heading_method, alignment.sd[2])
+        for each in (*findings, *(Finding.of(Code(method), ready.initial.time, sd_rad=sd) for method, sd in methods)):
             self._record.event(each)
         if self._nav is None:
             filter_input = replace(ready, imu=self._nothing, output=Output(smooth=False))
             self._nav, self._axes_sd = Navigator(filter_input, record=self._record), ready.model.axes_sd
             self._saved = [(self._nav.done, -np.inf, self._nav.saved())]
         else:
-            self._nav.restart_at(Part(self._ended, at, ready.initial))
+            self._nav.restart_at(Part(self._ended, alignment, ready.initial))
             self._nav.take_fixes(self._gps)
         self._process(ready.imu)
         return self._nothing

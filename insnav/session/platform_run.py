@@ -106,8 +106,8 @@ def platform(
     inputs |= {"every": max(1, round(interval / float(np.median(np.diff(time)))))}
     runs = {name: navigate_platform(time, f_n, start, np.array(v_n), integrator=name, **inputs) for name in INTEGRATORS}
     study = PlatformStudy(integrator, runs, sensor_errors, None if reference is None else reference.data)
-    named = {"force": samples, "height": heights, "ref": reference}
-    facts = {name: each.facts for name, each in named.items() if each is not None}
+    readings = {"force": samples, "height": heights, "ref": reference}
+    facts = {name: each.facts for name, each in readings.items() if each is not None}
     options = {"lat": lat, "lon": lon, "height": height, "v_n": v_n, "integrator": integrator, "vertical": vertical}
     options |= {"gravity": gravity, "interval": interval, **asdict(sensor_errors)}
     findings = (*_assumptions(study), *samples.facts.evidence, *samples.events)
@@ -144,8 +144,8 @@ def _read(
     one_from_stdin({"FORCE_FILE": force, "--height-input": heights, "--ref": ref})
     height = None if heights is None else read_heights(samples_source(heights, None))
     reference = None if ref is None else read_ref(ref, {})
-    named: Any = {"axes": how.get("axes"), "columns": how.get("columns")}
-    samples = read_specific_force(samples_source(force, None), sample_rate=sample_rate, **named)
+    options: Any = {"axes": how.get("axes"), "columns": how.get("columns")}
+    samples = read_specific_force(samples_source(force, None), sample_rate=sample_rate, **options)
     for each in (samples, height, reference):
         if each is not None and opened is not None:
             opened(each.facts)

@@ -55,12 +55,12 @@ _DESCRIBING = ("axes", "units", "columns", "sampling", "stamp")
 
 def by_name(inputs: NamedInputs) -> Inputs:
     """Rename ``imu`` to ``imu_model``, as in `Inputs`; warn if ``imu_model``, deprecated until 0.5, was used."""
-    known: dict[str, Any] = {**inputs}
-    if known.get("imu_model") is not None:
+    renamed: dict[str, Any] = {**inputs}
+    if renamed.get("imu_model") is not None:
         warnings.warn("imu_model is deprecated and ends with version 0.5: use imu", DeprecationWarning, stacklevel=3)
-    if (given := known.pop("imu", None)) is not None:
-        known["imu_model"] = given
-    return cast(Inputs, known)
+    if (specification := renamed.pop("imu", None)) is not None:
+        renamed["imu_model"] = specification
+    return cast(Inputs, renamed)
 
 
 def read(
@@ -76,15 +76,15 @@ def read(
     given_logs = inputs.get("logs") or {}
     options = {LOGS[name].option: source for name, source in given_logs.items()}
     one_from_stdin({"IMU_FILE": imu, "--gps": gps, "--ref": ref, **options})
-    given = _parts({"imu": imu, "gps": gps, "reference": ref}, inputs)
-    if gps is None and given["gps"] is given["imu"]:
-        fixes = _fixes_beside(given["imu"], inputs)
+    sources = _parts({"imu": imu, "gps": gps, "reference": ref}, inputs)
+    if gps is None and sources["gps"] is sources["imu"]:
+        fixes = _fixes_beside(sources["imu"], inputs)
     else:
-        fixes = None if given["gps"] is None else _read_gps(given["gps"], inputs)
-    reference = None if given["reference"] is None else read_ref(given["reference"], inputs)
+        fixes = None if sources["gps"] is None else _read_gps(sources["gps"], inputs)
+    reference = None if sources["reference"] is None else read_ref(sources["reference"], inputs)
     logs = {name: read_sensor_log(_table(log), name) for name, log in given_logs.items()}
     nowhere = run and reference is None and inputs.get("lat") is None
-    samples = read_samples(given["imu"], inputs, "drive" if fixes is not None or nowhere else None)
+    samples = read_samples(sources["imu"], inputs, "drive" if fixes is not None or nowhere else None)
     return Recording(samples, fixes, reference, logs, inputs)
 
 
@@ -93,8 +93,8 @@ def _fixes_beside(imu: Any, inputs: Inputs) -> Reading[GpsData] | None:
     clock = {key: header for key, header in (inputs.get("columns") or {}).items() if key == "time"}
     inputs = {**inputs, "gps_columns": inputs.get("gps_columns") or clock}
     with suppress(InputError):  # without fixes there is no error, as none were specified
-        found = _read_gps(imu, inputs)
-        return found if found.facts.n_used < MOST_FIXES * found.facts.n_rows else None
+        fixes = _read_gps(imu, inputs)
+        return fixes if fixes.facts.n_used < MOST_FIXES * fixes.facts.n_rows else None
     return None
 
 
@@ -153,14 +153,14 @@ def read_samples(imu: Given | Table | ImuData, inputs: Inputs, use: Use | None =
     A calibration file also converts volts and counts to rates and specific forces. `use`: see `read_imu`.
     """
     calibration = inputs.get("calibration")
-    known = None if calibration is None else sensors.load_calibration(Path(calibration))
+    errors = None if calibration is None else sensors.load_calibration(Path(calibration))
     if isinstance(imu, ImuData):
         described = [key for key in _DESCRIBING if inputs.get(key) is not None]
         if described:
             raise ConfigError("session.described_twice", where=described[0])
         reading = in_memory(imu, "IMU")
     else:
-        raw = [] if known is None else [("gyro", known.gyro_raw), ("accel", known.accel_raw)]
+        raw = [] if errors is None else [("gyro", errors.gyro_raw), ("accel", errors.accel_raw)]
         attrs = getattr(imu, "attrs", {})
         reading = _tried(
             read_imu,
@@ -172,7 +172,7 @@ def read_samples(imu: Given | Table | ImuData, inputs: Inputs, use: Use | None =
             **{key: inputs.get(key, attrs.get(key)) for key in ("sampling", "stamp", "accel_sign")},
             use=use,
         )
-    return reading if known is None else replace(reading, data=sensors.correct(reading.data, known))
+    return reading if errors is None else replace(reading, data=sensors.correct(reading.data, errors))
 
 
 def _read_gps(gps: Given | GpsData, inputs: Inputs) -> Reading[GpsData]:
@@ -196,14 +196,14 @@ def _tried(
     **how: Any,
 ) -> Reading[T]:
     """Read a file. Errors name the input with its columns, and suggest only columns that can be read."""
-    given = inputs.get(columns) or {}
+    given_columns = inputs.get(columns) or {}
     try:
-        return reader(source, columns=given, **how)
+        return reader(source, columns=given_columns, **how)
     except InsnavError as error:
         hint = error.gives.get("columns")
         if hint and {"meant", "guess"} & error.values.keys():
             try:
-                reader(source, columns={**given, **hint}, **how)
+                reader(source, columns={**given_columns, **hint}, **how)
             except InsnavError as other:
                 if not other.gives or "columns" in other.gives:  # otherwise only another input is missing
                     error.withdraw_columns()
@@ -300,10 +300,10 @@ def _sound(data: ImuData | GpsData | Trajectory) -> None:
     if isinstance(data, ImuData):
         one_of("sampling", data.sampling, get_args(Sampling))
         one_of("stamp", data.stamp, get_args(Stamp))
-        known = bool(np.isfinite(data.gyro).all() and np.isfinite(data.accel).all())
+        valid = bool(np.isfinite(data.gyro).all() and np.isfinite(data.accel).all())
     else:
-        known = bool(np.isfinite(data.lla).all()) and float(np.max(np.abs(data.lla[:, 0]), initial=0.0)) <= np.pi / 2
-    if not known:
+        valid = bool(np.isfinite(data.lla).all()) and float(np.max(np.abs(data.lla[:, 0]), initial=0.0)) <= np.pi / 2
+    if not valid:
         raise ConfigError("session.impossible_numbers", where=kind)
     if isinstance(data, GpsData):
         for name in ("position_sd", "velocity_sd"):

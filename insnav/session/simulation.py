@@ -200,10 +200,10 @@ def replica(source: Path) -> Motion:
     track = source
     if source.is_dir():
         names = [f"{stem}.{kind}" for stem in ("smoothed", "solution") for kind in ("csv", "parquet")]
-        found = next((source / name for name in names if (source / name).is_file()), None)
-        if found is None:
+        solution_file = next((source / name for name in names if (source / name).is_file()), None)
+        if solution_file is None:
             raise InputError("session.no_solution", where=str(source), names=tuple(names))
-        track = found
+        track = solution_file
     reading = read_reference(track)
     truth = truth_from_track(reading.data)
     name = f"replica of {source.name or source.resolve().name}"

@@ -472,8 +472,8 @@ def load_gps(preset_or_path: str) -> GpsSpec:
     """
     path = config_file.preset_or_file(preset_or_path, _FOLDER, PRESETS)
     if path is None:
-        known = config_file.similar(preset_or_path, (*PRESETS, "ideal"))
-        raise ConfigError("sim.unknown_receiver", where="--gps", receiver=preset_or_path[:200], **known)
+        suggestions = config_file.similar(preset_or_path, (*PRESETS, "ideal"))
+        raise ConfigError("sim.unknown_receiver", where="--gps", receiver=preset_or_path[:200], **suggestions)
     file = config_file.validate(_GpsFile, config_file.read_toml(path), str(path))
     velocity = (1.0, 1.0, 1.0) if file.velocity is None else file.velocity.white
     outage, multipath, degraded = file.outage or _Outage(), file.multipath, file.degraded

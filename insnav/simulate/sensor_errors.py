@@ -89,21 +89,21 @@ def corrupt_imu(imu: ImuData, spec: ImuSpec, seed: Seed, *, temperature: FloatAr
     rate, force = np.asarray(imu.gyro / span), np.asarray(imu.accel / span)
     measured, drifts = [], []
     for name, noise_seed, flicker_seed in zip(SENSORS, noises[:2], noises[2:], strict=True):
-        size: SensorSpec = getattr(spec, name)
-        drift, noise = drift_and_noise(imu.time, dt, size, np.random.default_rng(noise_seed))
-        flickering = flicker(flicker_seed, imu.time, noise_of(size, "flicker"))
-        drift += further_errors(name, size, rate, force, elapsed, constants) + flickering
-        if np.any(size.vibration_rectification):
+        sensor: SensorSpec = getattr(spec, name)
+        drift, noise = drift_and_noise(imu.time, dt, sensor, np.random.default_rng(noise_seed))
+        flickering = flicker(flicker_seed, imu.time, noise_of(sensor, "flicker"))
+        drift += further_errors(name, sensor, rate, force, elapsed, constants) + flickering
+        if np.any(sensor.vibration_rectification):
             width = max(3, round(_VIBRATION_WINDOW / float(np.median(dt))))
-            drift += size.vibration_rectification * moving_variance(force, width)
-        measured.append(quantised(getattr(corrupted, name) + (drift + noise) * span, size, dt, span))
+            drift += sensor.vibration_rectification * moving_variance(force, width)
+        measured.append(quantised(getattr(corrupted, name) + (drift + noise) * span, sensor, dt, span))
         drifts.append(drift)
     corrupted = replace(corrupted, gyro=measured[0], accel=measured[1])
     gyro_bias, accel_bias = errors.gyro_bias + drifts[0], errors.accel_bias + drifts[1]
     if spec.clock == ClockSpec():
         return ImuSimulation(corrupted, errors, gyro_bias, accel_bias)
-    imu, kept = timestamped(corrupted, spec.clock, np.random.default_rng(clock))
-    return ImuSimulation(imu, errors, gyro_bias[kept], accel_bias[kept])
+    imu, kept_rows = timestamped(corrupted, spec.clock, np.random.default_rng(clock))
+    return ImuSimulation(imu, errors, gyro_bias[kept_rows], accel_bias[kept_rows])
 
 
 def further_errors(
@@ -190,9 +190,9 @@ def timestamped(imu: ImuData, clock: ClockSpec, rng: np.random.Generator) -> tup
     spacing = float(np.median(np.diff(imu.time)))
     jitter = np.clip(clock.jitter * rng.standard_normal(len(imu.time)), -0.4 * spacing, 0.4 * spacing)
     time = imu.time + clock.offset + clock.drift * (imu.time - imu.time[0]) + jitter
-    lost = RandomSpells(clock.lost_every, clock.lost_length).between(imu.time[0], imu.time[-1], rng)
-    kept = ~within(imu.time, lost)
-    return replace(imu, time=time).rows(kept), kept
+    lost_periods = RandomSpells(clock.lost_every, clock.lost_length).between(imu.time[0], imu.time[-1], rng)
+    kept_rows = ~within(imu.time, lost_periods)
+    return replace(imu, time=time).rows(kept_rows), kept_rows
 
 
 def drift_and_noise(

@@ -350,8 +350,8 @@ def imu_from_truth(truth: Truth, time: FloatArray, sampling: Sampling = "increme
     """
     time = np.asarray(time, dtype=np.float64)
     if sampling == "instant":
-        at = truth.evaluate(time)
-        return ImuData(time, at.w_ib_b, at.f_b, sampling="instant")
+        kinematics = truth.evaluate(time)
+        return ImuData(time, kinematics.w_ib_b, kinematics.f_b, sampling="instant")
     if len(time) < 2 or not np.all(np.diff(time) > 0.0):
         raise ConfigError("sim.no_increasing_times", where="time", count=len(time))
     tau = truth.elapsed(time)
@@ -406,8 +406,8 @@ def reference(truth: Truth, time: FloatArray) -> Trajectory:
 
     Raises: ConfigError: times outside the motion.
     """
-    at = truth.evaluate(time)
-    return Trajectory(np.asarray(time, dtype=np.float64), at.lla, at.v_n, at.rph)
+    kinematics = truth.evaluate(time)
+    return Trajectory(np.asarray(time, dtype=np.float64), kinematics.lla, kinematics.v_n, kinematics.rph)
 
 
 def gps_from_truth(truth: Truth, time: FloatArray, lever_b: FloatArray) -> GpsData:
@@ -417,15 +417,15 @@ def gps_from_truth(truth: Truth, time: FloatArray, lever_b: FloatArray) -> GpsDa
     arm is projected on the tangent plane, with an error of 1e-7 m per metre. Standard deviations are unknown.
     Raises: ConfigError: times outside the motion.
     """
-    at = truth.evaluate(time)
-    C_nb = dcm_from_rph(at.rph)
-    w_eb_n = (C_nb @ at.w_ib_b[:, :, None])[:, :, 0] - earth.earth_rate_n(at.lla[:, 0])
+    kinematics = truth.evaluate(time)
+    C_nb = dcm_from_rph(kinematics.rph)
+    w_eb_n = (C_nb @ kinematics.w_ib_b[:, :, None])[:, :, 0] - earth.earth_rate_n(kinematics.lla[:, 0])
     lever_n = C_nb @ np.asarray(lever_b, dtype=np.float64)
-    unknown = np.full((len(at.lla), 3), np.nan)
+    unknown = np.full((len(kinematics.lla), 3), np.nan)
     return GpsData(
         time=np.asarray(time, dtype=np.float64),
-        lla=earth.lla_offset(at.lla, lever_n),
-        v_n=at.v_n + np.cross(w_eb_n, lever_n),
+        lla=earth.lla_offset(kinematics.lla, lever_n),
+        v_n=kinematics.v_n + np.cross(w_eb_n, lever_n),
         position_sd=unknown,
         velocity_sd=unknown.copy(),
     )

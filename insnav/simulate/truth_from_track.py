@@ -97,31 +97,31 @@ class Residual:
     @property
     def doubts(self) -> tuple[Finding, ...]:
         """Findings that make it doubtful that the motion is a replica of the drive."""
-        rms, felt, gap = self.position, self.acceleration, self.gap
-        at, jump, begin = self.farthest_time, self.farthest, self.gap_time
-        far = Finding.of(Code.REPLICA_FAR, at, rms_m=rms, limit_m=_FAR_OFF, farthest_m=jump)
-        wild = Finding.of(Code.REPLICA_WILD, self.acceleration_time, acceleration_m_s2=felt, limit_m_s2=_WILD)
+        rms, acceleration, gap = self.position, self.acceleration, self.gap
+        farthest_time, jump, begin = self.farthest_time, self.farthest, self.gap_time
+        far = Finding.of(Code.REPLICA_FAR, farthest_time, rms_m=rms, limit_m=_FAR_OFF, farthest_m=jump)
+        wild = Finding.of(Code.REPLICA_WILD, self.acceleration_time, acceleration_m_s2=acceleration, limit_m_s2=_WILD)
         absent = Finding.of(Code.REPLICA_GAP, begin, begin + gap, gap_s=gap, limit_s=_LONG_GAP)
-        usual = (rms <= _FAR_OFF, far), (felt <= _WILD, wild), (gap <= _LONG_GAP, absent)
-        return tuple(finding for plausible, finding in usual if not plausible)
+        checks = (rms <= _FAR_OFF, far), (acceleration <= _WILD, wild), (gap <= _LONG_GAP, absent)
+        return tuple(finding for plausible, finding in checks if not plausible)
 
 
 def track_residual(truth: Truth, track: Trajectory) -> Residual:
     """Compute the differences between a motion and the track from which it was built."""
-    at = truth.evaluate(track.time)
-    distance = np.linalg.norm(ned_offset(track.lla, at.lla), axis=1)
-    known = np.isfinite(track.v_n).all(axis=1)
-    velocity_error = np.linalg.norm((track.v_n - at.v_n)[known], axis=1)
+    kinematics = truth.evaluate(track.time)
+    distance = np.linalg.norm(ned_offset(track.lla, kinematics.lla), axis=1)
+    has_velocity = np.isfinite(track.v_n).all(axis=1)
+    velocity_error = np.linalg.norm((track.v_n - kinematics.v_n)[has_velocity], axis=1)
     time: FloatArray = truth.start + np.arange(math.floor(truth.duration / _LOOK) + 1.0) * _LOOK
     acceleration = np.linalg.norm(np.gradient(truth.evaluate(time).v_n, _LOOK, axis=0), axis=1)
-    far, wild, gap = int(np.argmax(distance)), int(np.argmax(acceleration)), int(np.argmax(np.diff(track.time)))
+    farthest, peak, gap = int(np.argmax(distance)), int(np.argmax(acceleration)), int(np.argmax(np.diff(track.time)))
     return Residual(
         float(np.sqrt(np.mean(distance**2))),
         float(np.sqrt(np.mean(velocity_error**2))) if len(velocity_error) else math.nan,
-        float(distance[far]),
-        float(track.time[far]),
-        float(acceleration[wild]),
-        float(time[wild]),
+        float(distance[farthest]),
+        float(track.time[farthest]),
+        float(acceleration[peak]),
+        float(time[peak]),
         float(track.time[gap + 1] - track.time[gap]),
         float(track.time[gap]),
     )
@@ -150,29 +150,29 @@ def _fitted(
         diags_array([-ones[3:], 3 * ones[3:], -3 * ones[3:], ones[3:]], offsets=[0, 1, 2, 3], shape=(count - 3, count))
     )
     rows = [(basis, values, _POSITION_SD)]
-    known = np.isfinite(slopes) if slopes is not None else np.zeros(len(t), dtype=np.bool_)
-    if slopes is not None and known.any():
+    has_slope = np.isfinite(slopes) if slopes is not None else np.zeros(len(t), dtype=np.bool_)
+    if slopes is not None and has_slope.any():
         span = knots[_DEGREE + 1 : _DEGREE + count] - knots[1:count]
         ends = np.full(count - 1, float(_DEGREE)) / span
         change = csr_array(diags_array([-ends, ends], offsets=[0, 1], shape=(count - 1, count)))
-        lower = csr_array(BSpline.design_matrix(t[known], knots[1:-1], _DEGREE - 1))
-        rows.append((csr_array(lower @ change), slopes[known], _VELOCITY_SD))
+        lower = csr_array(BSpline.design_matrix(t[has_slope], knots[1:-1], _DEGREE - 1))
+        rows.append((csr_array(lower @ change), slopes[has_slope], _VELOCITY_SD))
     weights = [np.full(len(known_values), 1.0 / sd**2) for _, known_values, sd in rows]
     coefficients: FloatArray = np.zeros(count)
     for _ in range(_PASSES):
         normal = csr_array(_STIFFNESS / _POSITION_SD**2 * (third_difference.T @ third_difference))
-        right = np.zeros(count)
+        right_side = np.zeros(count)
         for (matrix, known_values, _), weight in zip(rows, weights, strict=True):
             weighed = csr_array(matrix.T @ diags_array(weight))
             normal = csr_array(normal + weighed @ matrix)
-            right += weighed @ known_values
+            right_side += weighed @ known_values
         bands = np.zeros((_DEGREE + 1, count))  # upper bands of the normal matrix
         for k in range(_DEGREE + 1):
             bands[_DEGREE - k, k:] = normal.diagonal(k)
-        coefficients = np.asarray(solveh_banded(bands, right))
-        for i, (matrix, known_values, least) in enumerate(rows):
+        coefficients = np.asarray(solveh_banded(bands, right_side))
+        for i, (matrix, known_values, least_sd) in enumerate(rows):
             residual = known_values - matrix @ coefficients
-            sd = max(least, 1.4826 * float(np.median(np.abs(residual))))
+            sd = max(least_sd, 1.4826 * float(np.median(np.abs(residual))))
             weights[i] = 1.0 / (sd**2 + (residual / _FAR) ** 2)  # Cauchy's weights
     return coefficients
 
@@ -184,19 +184,19 @@ def _curve(duration: float, spacing: float, coefficients: FloatArray) -> Spline:
 def _attitude(track: Trajectory) -> FloatArray:
     """Return roll, pitch and heading without jumps (n, 3) [rad]; unknown attitude follows from the velocity."""
     rph = track.rph.copy()
-    known = np.isfinite(rph).all(axis=1)
-    if not known.all():
+    has_rph = np.isfinite(rph).all(axis=1)
+    if not has_rph.all():
         mean_velocity = np.gradient(ned_offset(track.lla, track.lla[0]), track.time, axis=0)
         v_north, v_east, v_down = components(np.where(np.isfinite(track.v_n), track.v_n, mean_velocity))
         over_ground = np.hypot(v_north, v_east)
         moving = over_ground > _MOVING
-        rph[~known, 0] = 0.0
-        rph[~known, 1] = np.where(moving, np.arctan2(-v_down, np.maximum(over_ground, _MOVING)), 0.0)[~known]
-        usable = known | moving
+        rph[~has_rph, 0] = 0.0
+        rph[~has_rph, 1] = np.where(moving, np.arctan2(-v_down, np.maximum(over_ground, _MOVING)), 0.0)[~has_rph]
+        usable = has_rph | moving
         if not usable.any():
             rph[:, 2] = 0.0
         else:
-            course = np.where(known, rph[:, 2], np.arctan2(v_east, v_north))
+            course = np.where(has_rph, rph[:, 2], np.arctan2(v_east, v_north))
             rph[:, 2] = np.interp(track.time, track.time[usable], np.unwrap(course[usable]))
     rph[:, 2] = np.unwrap(rph[:, 2])
     return rph
@@ -209,15 +209,15 @@ def _bridged(track: Trajectory, rph: FloatArray) -> tuple[Trajectory, FloatArray
     neighbouring rows.
     """
     steps = np.diff(track.time)
-    usual = float(np.median(steps))
-    wide = np.flatnonzero(steps > max(_GAP, 3.0 * usual))  # steps that are gaps in the track
+    median_step = float(np.median(steps))
+    wide = np.flatnonzero(steps > max(_GAP, 3.0 * median_step))  # steps that are gaps in the track
     if not len(wide):
         return track, rph
-    spacing = max(_SPACING, usual)
+    spacing = max(_SPACING, median_step)
     new = np.concatenate([np.arange(track.time[i] + spacing, track.time[i + 1] - 0.5 * spacing, spacing) for i in wide])
     time = np.concatenate([track.time, new])
     order = np.argsort(time)
-    place = np.column_stack([track.lla[:, 0], np.unwrap(track.lla[:, 1]), track.lla[:, 2]])
-    lla, rph = (np.concatenate([rows, PchipInterpolator(track.time, rows)(new)])[order] for rows in (place, rph))
+    unwrapped = np.column_stack([track.lla[:, 0], np.unwrap(track.lla[:, 1]), track.lla[:, 2]])
+    lla, rph = (np.concatenate([rows, PchipInterpolator(track.time, rows)(new)])[order] for rows in (unwrapped, rph))
     v_n = np.concatenate([track.v_n, np.full((len(new), 3), np.nan)])[order]
     return Trajectory(time[order], lla, v_n, rph), rph

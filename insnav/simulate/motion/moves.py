@@ -103,8 +103,8 @@ def shaken(
     """Simulate vibration of velocity forward, right, down [m/s] and of roll, pitch, heading [rad], each ``(n, 3)``."""
     velocity, angle = _suspension(t, speed, body, vibration.suspension, seed)
     rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(_STREAM,)))
-    for frequency, size in vibration.lines:
-        velocity += _tones(t, np.full((1, 3), frequency), size, rng)
+    for frequency, amplitude in vibration.lines:
+        velocity += _tones(t, np.full((1, 3), frequency), amplitude, rng)
     for low, high, density in vibration.bands:
         # divide the band into slices, each with one sine wave of equal power
         slices = low + (high - low) * (np.arange(_TONES)[:, None] + rng.uniform(size=(_TONES, 3))) / _TONES
@@ -279,8 +279,8 @@ def climb(state: State, height: float, angle: float, acceleration: float, jerk: 
     if abs(gained(angle)) > abs(height):  # the bends alone would exceed the height: use a flatter path
         angle = float(brentq(lambda gamma: abs(gained(gamma)) - abs(height), 0.0, angle, xtol=1e-12))
     rise = bend(angle)
-    held = rise.duration + max(0.0, (abs(height) - abs(gained(angle))) / (state.speed * math.sin(angle)))
-    return Move(held + rise.duration, state, state, grade=_up_and_down(rise, held), frequency=rise.frequency)
+    fall_at = rise.duration + max(0.0, (abs(height) - abs(gained(angle))) / (state.speed * math.sin(angle)))
+    return Move(fall_at + rise.duration, state, state, grade=_up_and_down(rise, fall_at), frequency=rise.frequency)
 
 
 def helix(state: State, angle: float, rate: float, height: float, jerk: float) -> Move:
@@ -307,10 +307,10 @@ def helix(state: State, angle: float, rate: float, height: float, jerk: float) -
 
 def lane_change(state: State, offset: float, duration: float) -> Move:
     """Drive to a lane `offset` [m] to the right, in a time [s], and continue in the original direction."""
-    size = offset / (duration * BUMP_AREA) / state.speed
+    sine = offset / (duration * BUMP_AREA) / state.speed
 
     def heading(t: FloatArray) -> FloatArray:
-        return np.asarray(state.heading + np.arcsin(np.clip(size * bump(t / duration), -1.0, 1.0)))
+        return np.asarray(state.heading + np.arcsin(np.clip(sine * bump(t / duration), -1.0, 1.0)))
 
     return Move(duration, state, state, heading=heading, frequency=2.0 / duration)
 
@@ -326,10 +326,10 @@ def slide(state: State, length: float, speed: float, acceleration: float, jerk: 
     if least(speed) > distance:
         speed = float(brentq(lambda v: least(v) - distance, 1e-9, speed, xtol=1e-15))
     rise = Rise(speed, acceleration, ramp)
-    held = max(rise.duration, distance / speed)
+    fall_at = max(rise.duration, distance / speed)
     sign = math.copysign(1.0, length)
-    pace = _up_and_down(rise, held)
-    return Move(held + rise.duration, state, state, speed=lambda t: sign * pace(t), frequency=rise.frequency)
+    pace = _up_and_down(rise, fall_at)
+    return Move(fall_at + rise.duration, state, state, speed=lambda t: sign * pace(t), frequency=rise.frequency)
 
 
 def spin(state: State, axis: FloatArray, angle: float, rate: float, acceleration: float) -> Move:
@@ -352,8 +352,8 @@ def linear(state: State, change: FloatArray, rate: FloatArray, acceleration: Flo
 
     `change`, `rate`, `acceleration` (5,): change, largest rate and largest acceleration of each of the `AXES`.
     """
-    size = np.abs(change)[change != 0.0]
-    pace, gain = (float(np.min(limit[change != 0.0] / size)) for limit in (rate, acceleration))
+    distances = np.abs(change)[change != 0.0]
+    pace, gain = (float(np.min(limit[change != 0.0] / distances)) for limit in (rate, acceleration))
     rise = Rise(1.0, pace, STEEPEST * pace / gain)
     return _carried(state, rise, lambda s: s[:, None] * change, lambda s: np.tile(change, (len(s), 1)))
 
@@ -385,10 +385,10 @@ def _carried(state: State, rise: Rise, way: Course, slope: Course) -> Move:
     """Move slide and table along a path `way` with derivative `slope`, (n, 5), over a parameter that follows `rise`."""
     turned = np.abs(way(np.linspace(0.0, rise.total, _FINE))[:, 2:]).max(axis=0)
     table = np.array(state.table or (0.0, 0.0, 0.0))
-    back = quat_conjugate(quat_from_rph(table[None]))
+    inverse = quat_conjugate(quat_from_rph(table[None]))
 
     def rotation(angles: FloatArray) -> FloatArray:
-        return rotvec_from_quat(quat_multiply(np.tile(back, (len(angles), 1)), quat_from_rph(table + angles)))
+        return rotvec_from_quat(quat_multiply(np.tile(inverse, (len(angles), 1)), quat_from_rph(table + angles)))
 
     def body(t: FloatArray) -> FloatArray:
         angles = way(rise(t))[:, 2:]
@@ -400,8 +400,8 @@ def _carried(state: State, rise: Rise, way: Course, slope: Course) -> Move:
     def along(axis: int) -> Course:
         return lambda t: slope(rise(t))[:, axis] * rise.slope(t)
 
-    to = table + way(np.array([rise.total]))[0, 2:]
-    end, turning = (replace(state, table=tuple(to.tolist())), body) if turned.any() else (state, None)
+    table_end = table + way(np.array([rise.total]))[0, 2:]
+    end, turning = (replace(state, table=tuple(table_end.tolist())), body) if turned.any() else (state, None)
     return Move(rise.duration, state, end, speed=along(0), right=along(1), body=turning, frequency=rise.frequency)
 
 

@@ -76,12 +76,12 @@ def commands_of(moves: Sequence[Move], spacing: float) -> Commands:
     edges = np.concatenate([[0.0], np.cumsum([move.duration for move in moves])])
     # knots at round times coincide with samples, which avoids slivers in the quadrature
     t: FloatArray = spacing * np.arange(math.ceil(edges[-1] / spacing - 1e-9) + 1.0)
-    held = np.minimum(t, edges[-1])  # times after the last move repeat its end
-    first = np.searchsorted(held, edges, side="left")  # number of the first instant of each move
+    clipped = np.minimum(t, edges[-1])  # times after the last move repeat its end
+    first = np.searchsorted(clipped, edges, side="left")  # number of the first instant of each move
     first[-1] = len(t)
     speed, heading, grade, right = (np.zeros(len(t)) for _ in range(4))
     for move, begin, a, b in zip(moves, edges, first[:-1], first[1:], strict=False):
-        local = held[a:b] - begin
+        local = clipped[a:b] - begin
         speed[a:b] = move.begin.speed if move.speed is None else move.speed(local)
         heading[a:b] = move.begin.heading if move.heading is None else move.heading(local)
         grade[a:b] = 0.0 if move.grade is None else move.grade(local)
@@ -128,12 +128,12 @@ def position_curve(t: FloatArray, velocity: FloatArray, lla: FloatArray) -> Spli
 
     Latitude [rad], longitude [rad], height [m].
     """
-    here = np.tile(np.asarray(lla, dtype=np.float64), (len(t), 1))
+    positions = np.tile(np.asarray(lla, dtype=np.float64), (len(t), 1))
     # The rates depend on position only through the radii of curvature and the length of the parallel, which change by
     # parts in 1e7 per metre. Trapezoids are accurate enough, and each pass gains five digits on 100 km.
     for _ in range(3):
-        rates = velocity / metres_per_unit(here)
-        here = lla + cumulative_trapezoid(rates, t, axis=0, initial=0.0)
+        rates = velocity / metres_per_unit(positions)
+        positions = lla + cumulative_trapezoid(rates, t, axis=0, initial=0.0)
     return spline_through(t, rates).integral()
 
 
@@ -155,13 +155,13 @@ def earth_path(t: FloatArray, velocity: FloatArray, lla: FloatArray) -> tuple[Sp
         sine = -down[:, 2]
         meridian, transverse = radii(np.arcsin(np.clip(sine, -1.0, 1.0)))
         # split the velocity along meridian and parallel, whose radii of curvature differ (Euler's theorem)
-        away = np.column_stack([-sine * -down[:, 0], -sine * -down[:, 1], 1.0 - sine**2])
-        away /= np.maximum(np.linalg.norm(away, axis=1, keepdims=True), 1e-12)
-        across = np.cross(down, away)
+        northward = np.column_stack([-sine * -down[:, 0], -sine * -down[:, 1], 1.0 - sine**2])
+        northward /= np.maximum(np.linalg.norm(northward, axis=1, keepdims=True), 1e-12)
+        eastward = np.cross(down, northward)
         v_e = velocity[:, :1] * north_axis + velocity[:, 1:2] * east_axis
-        along = np.einsum("ij,ij->i", v_e, away) / (meridian + height)
-        aside = np.einsum("ij,ij->i", v_e, across) / (transverse + height)
-        tilt = along[:, None] * away + aside[:, None] * across  # rotation rate of the upward normal [rad/s]
+        along = np.einsum("ij,ij->i", v_e, northward) / (meridian + height)
+        aside = np.einsum("ij,ij->i", v_e, eastward) / (transverse + height)
+        tilt = along[:, None] * northward + aside[:, None] * eastward  # rotation rate of the upward normal [rad/s]
         turn_e = np.cross(-down, tilt)
         # resolved in the moving axes, the rotation multiplies from the right; it is a sum of small rotations
         turn = np.column_stack([np.einsum("ij,ij->i", turn_e, axis) for axis in (north_axis, east_axis, down)])
@@ -362,8 +362,8 @@ def load_profile(name_or_path: str | Path, library: Path | None = None) -> Motio
     segments: list[tuple[str, Segment]] = []
     listed = data.get("segment")
     if isinstance(listed, list):
-        segments, more = _read(listed, "segment")
-        problems += more
+        segments, errors = _read(listed, "segment")
+        problems += errors
     if not data.get("waypoint"):
         if not data.get("start"):
             problems.append(ConfigError("sim.no_start", where="start"))
@@ -394,31 +394,31 @@ def _read(listed: list[Any], path: str) -> tuple[list[tuple[str, Segment]], list
     segments: list[tuple[str, Segment]] = []
     problems: list[ConfigError] = []
     for number, data in enumerate(listed, start=1):
-        place = f"{path} {number}"
+        label = f"{path} {number}"
         kind = data.get("kind") if isinstance(data, dict) else None
         if kind not in SEGMENTS:
             if kind is None:
-                problems.append(ConfigError("sim.segment_without_kind", where=place, known=tuple(SEGMENTS)))
+                problems.append(ConfigError("sim.segment_without_kind", where=label, known=tuple(SEGMENTS)))
             else:
                 kinds = similar(str(kind), SEGMENTS)
-                problems.append(ConfigError("sim.unknown_kind", where=place, kind=str(kind)[:100], **kinds))
+                problems.append(ConfigError("sim.unknown_kind", where=label, kind=str(kind)[:100], **kinds))
             continue
-        place = f"{place} ({kind})"
-        segment, more = checked(SEGMENTS[kind], data)
-        for problem in more:
-            problem.where = ": ".join(filter(None, (place, problem.where)))
-        problems += more
+        label = f"{label} ({kind})"
+        segment, errors = checked(SEGMENTS[kind], data)
+        for problem in errors:
+            problem.where = ": ".join(filter(None, (label, problem.where)))
+        problems += errors
         if kind == "repeat":
             listed_inside = data.get("segment")
-            inner, more = _read(listed_inside if isinstance(listed_inside, list) else [], f"{place}, segment")
-            problems += more
+            inner, errors = _read(listed_inside if isinstance(listed_inside, list) else [], f"{label}, segment")
+            problems += errors
             count = segment.count if isinstance(segment, Repeat) else 0
             if len(segments) + count * len(inner) > _MAX_MOVES:
                 problems.append(ConfigError("sim.many_moves", where=path, limit=_MAX_MOVES))
                 break
             segments += inner * count
         elif segment is not None:
-            segments.append((place, segment))
+            segments.append((label, segment))
     return segments, problems
 
 
@@ -464,8 +464,8 @@ def _waypoints(
         return Start(np.zeros(3), 0.0, 0.0, 0.0, 0.0, 0.0), [], None
     lla = np.array([[point.lat, point.lon, point.height] for point in file.waypoint])
     speed: FloatArray = np.array([point.speed for point in file.waypoint])
-    way, more = way_through(lla, speed, spacing_of((), vibration), vehicle)
-    problems += more
+    way, way_problems = way_through(lla, speed, spacing_of((), vibration), vehicle)
+    problems += way_problems
     return Start(lla[0], 0.0 if way is None else float(way.heading[0]), float(speed[0]), 0.0, 0.0, 0.0), [], way
 
 
@@ -489,7 +489,7 @@ def _find(name_or_path: str | Path, folder: Path | None) -> Path:
     path = Path(name_or_path)
     if path.suffix == ".toml" or isinstance(name_or_path, Path):
         return path
-    profiles = {found.stem: found for found in library(folder)}
+    profiles = {file.stem: file for file in library(folder)}
     if str(name_or_path) in profiles:
         return profiles[str(name_or_path)]
     raise ConfigError(

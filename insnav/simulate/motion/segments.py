@@ -87,8 +87,8 @@ class ChangeSpeed(Segment):
         _bearable("sim.too_fast_acceleration", acceleration, vehicle.forward, vehicle)
         if self.to > vehicle.speed:
             raise ConfigError("sim.too_fast", vehicle=vehicle.name, speed_m_s=self.to, limit_m_s=vehicle.speed)
-        slower, wanted = self.to < state.speed, self.kind
-        if (wanted == "accelerate" and slower) or (wanted in ("brake", "stop") and self.to > state.speed):
+        slower, kind = self.to < state.speed, self.kind
+        if (kind == "accelerate" and slower) or (kind in ("brake", "stop") and self.to > state.speed):
             raise ConfigError("sim.wrong_way", speed_m_s=state.speed, to_m_s=self.to)
         if self.to == state.speed:
             return []
