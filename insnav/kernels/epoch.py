@@ -85,8 +85,8 @@ def count_tilt(tilted, north, east):  # type: ignore[no-untyped-def]
 def beyond_linear(squares, heading, accel):  # type: ignore[no-untyped-def]
     """Compute the variances of velocity and accelerometer bias that an extended filter neglects (second order).
 
-    A normally distributed heading error also changes the velocity along its change, by ``(1 - cos error) change``. At
-    rest, horizontal accelerometer bias is observed only in combination with the tilt, the vertical bias directly. When
+    A normally distributed heading error also shortens a velocity change, by ``(1 - cos error)`` of the change. At rest,
+    horizontal accelerometer bias is observed only in combination with the tilt, the vertical bias directly. When
     corrections tilt the IMU, the axis that becomes vertical falsely seems observed (A. H. Jazwinski, "Stochastic
     Processes and Filtering Theory" (1970), section 9.3).
 
@@ -189,8 +189,8 @@ def felt(estimated, rates, forces, swings, older, number, late, has_arm, stays, 
 def take(row, estimated, error, places, settled):  # type: ignore[no-untyped-def]
     """Subtract the estimated error (n,) from the state (closed loop) after an update, and store the state in `row`.
 
-    `places` (k, 3): see `insnav.kernels.measurements.DELAYED`. `settled`: the delay of the fixes is known, see
-    `insnav.kernels.measurements.correct_with_arm`.
+    `places` (k, 3): see `insnav.kernels.measurements.DELAYED`. `settled`: the delay of the fixes has been determined,
+    see `insnav.kernels.measurements.correct_with_arm`.
     """
     x, correction, arm, corrected = estimated[STATE], estimated[CORRECTION], estimated[ARM], estimated[CORRECTED]
     lever = places[LEVER, 0]

@@ -271,10 +271,10 @@ def noise_variances(  # type: ignore[no-untyped-def]
 
     `dt` (m,): steps [s]. `velocity`, `position` (m + 1, 3): first and second integral of the specific force, North,
     East, Down, at the edges of the steps. `given` (m, 9): rate of attitude, velocity and position errors per unit of
-    the noise. `rate` (r,): Schuler rate at each row, zero for the short forms [rad/s]. `rows` (r,) int: steps after
-    which the variances are stored. `white`, `drive`, `first` (p,), per process: density of its white part, density of
-    its random walk, variance of its Gauss-Markov part. `fade`, `gained`, `alone` (m, p): decay of a Gauss-Markov
-    process over a step, its integral, and variance of the integrated process for unit variance. `out` (r, 9):
+    the noise. `rate` (r,): Schuler rate at each row, zero for short forms [rad/s]. `rows` (r,) int: steps after which
+    the variances are stored. `white`, `drive`, `first` (p,), per process: density of its white part, density of its
+    random walk, variance of its Gauss-Markov part. `fade`, `gained`, `alone` (m, p): decay of a Gauss-Markov process
+    over a step, its integral, and variance of the integrated process for unit variance. `out` (r, 9):
     variances of position [m^2], velocity [m^2/s^2] and attitude [rad^2].
     """
     h, moved, placed = np.empty(9), np.empty(3), np.empty(3)

@@ -211,7 +211,7 @@ def less_sure(p, least_delay_sd):  # type: ignore[no-untyped-def]
 def at_fix_time(p, x, out):  # type: ignore[no-untyped-def]
     """Convert a covariance `p` (n, n) from sample time to fix time, (9, 9), at state `x` (10,).
 
-    The delay error moves the position along the velocity: fixes observe ``dp - v dd``.
+    A delay error ``dd`` moves the position along the velocity ``v``: fixes observe ``dp - v dd``.
     """
     for i in range(NAV):  # element by element: assigning slices takes seconds to compile
         for j in range(NAV):

@@ -1,7 +1,7 @@
 """Linear error model of one filter run at epoch rate, on which faults are searched.
 
-The states are navigation errors (9), sensor errors (12), further errors that may act on navigation, and others. The
-last nine are fault states: offset of the positions (3), drift of this offset (3), offset of the velocities (3).
+The states are navigation errors (9), sensor errors (12), further errors that may act on navigation, and other states.
+The last nine are fault states: offset of the positions (3), drift of this offset (3), offset of the velocities (3).
 Errors are estimate minus truth: ``e_k = F_k e_{k-1} + w_k``, ``z_k = H_k e_k + v_k``.
 Functions take the same groups of arrays, for m epochs and n states.
 
@@ -22,7 +22,7 @@ Functions take the same groups of arrays, for m epochs and n states.
   - numbers (c,) int of some states, with their mean (m, c) and rows of the covariance (m, c, n) before the measurement.
 
 Components of a measurement are processed one after the other, and change matrices in groups. Rows are padded by
-zeros. The covariance of states that are known exactly at the end, as faults before they begin, is not touched.
+zeros. The covariance of states at the end that are known exactly, such as faults before they begin, is not changed.
 """
 
 from __future__ import annotations
@@ -238,11 +238,10 @@ def backward(system, measured, out, rows, r, info, u, uu, told, driven):  # type
     before the measurement. If `r` has nine columns fewer, the fault states are omitted, which is exact while they are
     zero. The smoothed error is mean + P r with covariance P - P info P. Fills for each component the smoothing error
     `u` (m, 6) and its variance `uu` (m, 6). The smoothed residual is var * u, with variance var - var^2 uu. Fills
-    `told` (m, 4, c) for the numbered states: smoothed error, score, diagonal of P info, and of info. Fills `driven`
-    (m,) with the
-    trace of q (info - r r'). Sources: P. de Jong and J. Penzer, "Diagnosing shocks in time series", J. Am. Stat. Assoc.
-    93 (1998) 796-806; J. Durbin and S. J. Koopman, Time Series Analysis by State Space Methods, 2nd ed., Oxford 2012,
-    ch. 4 and 6.4.
+    `told` (m, 4, c) for the states in `numbers`: smoothed error, score, diagonals of P info and of info. Fills `driven`
+    (m,) with the trace of q (info - r r'). Sources: P. de Jong and J. Penzer, "Diagnosing shocks in time series", J.
+    Am. Stat. Assoc. 93 (1998) 796-806; J. Durbin and S. J. Koopman, Time Series Analysis by State Space Methods, 2nd
+    ed., Oxford 2012, ch. 4 and 6.4.
     """
     h, q, (innovation, variance, gain, numbers, mean_told, p_told) = measured[1], system[3], out
     m, s, left, whole, n = u.shape[0], system[1].shape[2], rows.shape[0] - 1, system[2].shape[1], r.shape[1]

@@ -56,8 +56,8 @@ def antenna(x, motion, older, lever, delay, lag, lla, v_n, z, h):  # type: ignor
 
     `x` (10,): state. `motion` (6,): body rate [rad/s] and acceleration in n [m/s^2] at the time of the velocity.
     `older` (7,): rotation [rad] and velocity increment by specific force [m/s] since this time, body axes, and age of
-    the velocity [s]. `lever` (3,): antenna seen from the IMU, body axes [m]. `delay`: age of the fix, beyond the delay
-    already contained in its time [s]. `lag`: further age of its velocity [s]. `lla` (3,), `v_n` (3,): measured;
+    the velocity [s]. `lever` (3,): antenna relative to the IMU, body axes [m]. `delay`: age of the fix, beyond the
+    delay already contained in its time [s]. `lag`: further age of its velocity [s]. `lla` (3,), `v_n` (3,): measured;
     velocity may be ``NaN``. Filled: `z` (6,), position N, E, D [m], velocity N, E, D [m/s]; `h` (6, n), whose column 21
     is the delay [s].
     Lever arm: Groves (2013), section 14.3.1, with errors as estimate minus truth.
@@ -158,8 +158,8 @@ def assess(  # type: ignore[no-untyped-def]
 
     `estimated` (n,), `p` (n, n): predicted state and covariance. `motion` (25,): body rate [rad/s] and acceleration in
     n [m/s^2] at the time of the velocity. Where turns determine the lever arm, this rate is the mean about the fix.
-    Then: vibration or noise in addition to it [rad/s]. Noise limits of the squared mean rate and addition: below them
-    no lever arm is observable [rad^2/s^2]. Recent velocity corrections [m/s]: they are no motion and give no delay.
+    Then: additional rate, vibration or noise [rad/s]. Noise limits of the squared mean and additional rate, below which
+    no lever arm is observable [rad^2/s^2]. Recent velocity corrections [m/s], which must not make a delay observable.
     Mean specific force about the fix [m/s^2], body axes. Noise limit of squared acceleration. `older` of `antenna`.
     `own`: the states of time-correlated errors and of velocity lag apply to this fix. `late`: age of its velocity [s].
     `jitter`: standard deviation of the timestamps [s]. `share`: share of the time-correlated error in the variance of a

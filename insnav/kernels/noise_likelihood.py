@@ -53,9 +53,9 @@ def tape(
     unit density of gyros and accelerometers (2, 9, 9), and the factor for misalignment of one rad^2 s (2,). Variance
     added to velocity and attitude by bridging or sway at rest, then the squares for second-order noise, see
     `beyond_linear` of `insnav.kernels.epoch` (9,). Measurement (6,), predicted minus measured, and derivative (6, n).
-    Error that the run subtracted from its state (n,). Sensor errors before and after that (2, 12). Variances added to
-    position, velocity, attitude and biases by an explicit reset (15,), else zero. Variances of the rounding errors of
-    gyros before and after a change (2, 3), else NaN.
+    Error that the run subtracted from its state (n,). Sensor errors before and after this subtraction (2, 12).
+    Variances added to position, velocity, attitude and biases by an explicit reset (15,), else zero. Variances of the
+    rounding errors of gyros before and after a change (2, 3), else NaN.
     """
     m, kind, time = history.shape[0], history[:, KIND].astype(np.int64), history[:, TIME]
     span = np.diff(time, prepend=time[:1])
@@ -139,8 +139,8 @@ def innovations(  # type: ignore[no-untyped-def]
     nominal run. `push` (k, m, 9): known error that each span adds to position, velocity and attitude, then k - 1
     derivatives of it. Overwritten by the mean errors at the end of each epoch and their derivatives. `limit`:
     innovations beyond this many standard deviations are de-weighted (Huber). `out` (k + 1, 6 m): filled with innovation
-    and variance of every used component, conditional on the components before it, and derivatives of the innovation.
-    Returns: number of components.
+    and variance of every used component, conditional on earlier components, and derivatives of the innovation. Returns:
+    number of components.
     """
     span, kind, phi, white, share, bridge, z, h, fed, correction, restart, drawn = run
     each, n = push.shape[0], start[0].shape[0]
