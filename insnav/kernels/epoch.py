@@ -160,7 +160,8 @@ def felt(estimated, rates, forces, swings, older, number, late, has_arm, stays, 
     For each of the next k fixes, including sensor errors: `rates` (k, 3): mean body rate [rad/s]. `forces` (k, 3): mean
     specific force [m/s^2]. `swings` (k, 3): body rate at the time of the fix's velocity [rad/s]. `older` (k, 6): angle
     and velocity increment since this time [rad], [m/s]. `number`: row of the fix. `late`: age of its velocity [s].
-    `stays`: treat all rotation as noise.
+    `has_arm`: split the body rate into its mean about the fix and an additional rate. `stays`: treat all rotation as
+    noise.
     """
     correction, moving, corrected = estimated[CORRECTION], estimated[MOTION], estimated[CORRECTED]
     for i in range(3):
