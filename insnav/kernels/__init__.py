@@ -99,4 +99,4 @@ def njit(*, cache: bool = False, **options: Any) -> Callable[[Callable[..., Any]
     return compiled
 
 
-inner = partial(njit, no_cpython_wrapper=True)  # for functions that only kernels call, never Python
+inner = partial(njit, no_cpython_wrapper=True)  # decorator of functions that only kernels call, not Python

@@ -151,7 +151,7 @@ def _nearest(b, sign, k, v, out):  # type: ignore[no-untyped-def]
                 for m in range(4):
                     k[i, m], k[j, m] = c * k[i, m] - s * k[j, m], s * k[i, m] + c * k[j, m]
                     v[m, i], v[m, j] = c * v[m, i] - s * v[m, j], s * v[m, i] + c * v[m, j]
-        if off <= 1e-32 * size:  # diagonal to rounding
+        if off <= 1e-32 * size:  # the matrix is diagonal to rounding
             break
     most = 0
     for i in range(1, 4):

@@ -26,12 +26,12 @@ SUMS = 31  # integrals over a sub-step: time, specific force (3), C_nb, C_nb dia
 class Samples(NamedTuple):
     """Increments of intervals; see `insnav.types.Increments`."""
 
-    time: np.ndarray  # (n,) [s]
-    dt: np.ndarray  # (n,) [s]
-    dtheta: np.ndarray  # (n, 3) [rad]
-    dvel: np.ndarray  # (n, 3) [m/s]
-    coning: np.ndarray  # (n, 3) [rad]
-    sculling: np.ndarray  # (n, 3) [m/s]
+    time: np.ndarray  # (n,) end of each interval [s]
+    dt: np.ndarray  # (n,) length of each interval [s]
+    dtheta: np.ndarray  # (n, 3) integral of the angular rate [rad]
+    dvel: np.ndarray  # (n, 3) integral of the specific force [m/s]
+    coning: np.ndarray  # (n, 3) coning correction [rad]
+    sculling: np.ndarray  # (n, 3) sculling correction [m/s]
     gap: np.ndarray  # (n,) length of the data gap that contains the interval [s]; 0: the interval was measured
 
 
@@ -376,7 +376,7 @@ def feed_back(x, correction, error):  # type: ignore[no-untyped-def]
     if angle > np.pi:  # remove whole turns; a smoother that has diverged may have 1e9 of them
         share = 1.0 - 2.0 * np.pi / angle * np.floor(angle / (2.0 * np.pi) + 0.5)
     north, east, down = share * error[6], share * error[7], share * error[8]
-    parts = int(abs(share) * angle / 0.05) + 1  # the half-angle series is for small angles
+    parts = int(abs(share) * angle / 0.05) + 1  # rotate in parts: the half-angle series is for small angles
     for _ in range(parts):
         quaternion_step(x, -north / parts, -east / parts, -down / parts, 0.0, 0.0, 0.0)
     norm = np.sqrt(x[6] ** 2 + x[7] ** 2 + x[8] ** 2 + x[9] ** 2)

@@ -16,7 +16,7 @@ from insnav.kernels.increments import turned
 from insnav.kernels.mechanization import within_turn
 
 FORWARD, BACKWARD, MEAN, FOURTH = 0, 1, 2, 3  # methods: Euler, implicit Euler, trapezoid, fourth-order Runge-Kutta
-OFF, FREE, DAMPED = 0, 1, 2  # vertical channel
+OFF, FREE, DAMPED = 0, 1, 2  # states of the vertical channel: omitted, undamped, damped
 STATES = 18
 COMPUTED = 7  # first state of the platform with errors
 TURN = 14  # first element of its quaternion

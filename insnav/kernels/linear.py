@@ -214,7 +214,7 @@ def forward(system, measured, start, jumps, out):  # type: ignore[no-untyped-def
                     by = inner_product(hs, 0, ph, b, full)
                     for j in range(wide):
                         ph[i, j] -= by * ph[b, j]
-            error = z[k, i] - inner_product(hs, 0, mean, 0, full)  # innovation
+            error = z[k, i] - inner_product(hs, 0, mean, 0, full)  # innovation of the component
             own = var[k, i] + max(inner_product(hs, 0, ph, i, full), 0.0)  # negative only by rounding
             innovation[k, i], variance[k, i] = error, own
             total += np.log(own) + error * error / own
@@ -226,7 +226,7 @@ def forward(system, measured, start, jumps, out):  # type: ignore[no-untyped-def
         if max(var[k, 0], var[k, 1], var[k, 2], var[k, 3], var[k, 4], var[k, 5]) > 0.0:
             for a in range(live):
                 subtract_products(p, a, ph[:3], ph[:3], ph[3:], ph[3:], wide)
-        mean[0, :n] -= fed[k]  # the filter run fed this error back
+        mean[0, :n] -= fed[k]  # the filter run subtracted this error from its state
     return total
 
 

@@ -11,17 +11,17 @@ from insnav.kernels.errorstate import STATES, feed_back
 from insnav.kernels.mechanization import rotation
 
 STILL = 4.0  # a squared velocity below this multiple of its error variance may be zero, and makes no delay observable
-NOT_FINITE, NEGATIVE = 1, 2  # faults of a covariance
+NOT_FINITE, NEGATIVE = 1, 2  # faults of a covariance, see `fault_of`
 LARGEST_TURN = 0.35  # largest norm of the summed corrections [1]: beyond alignment errors, the sum is drift
 
 # Everything that the filter estimates, in one array (n,) that changes in place; see
 # `insnav.filter.error_model.FilterState`. A call with one array takes a tenth of the time of a call with a tuple.
 STATE, CORRECTION, MOTION = slice(0, 10), slice(10, 22), slice(22, 28)
 CORRECTED = slice(28, 31)  # velocity corrections within `insnav.kernels.epoch.SHOWN_BY_IMU` [m/s]
-ARM, SWUNG = slice(31, 43), slice(43, 46)  # see `correct_with_arm`
+ARM, SWUNG = slice(31, 43), slice(43, 46)  # lever arm and antenna motion, see `correct_with_arm`
 TURNED = 46  # heading change by corrections since the last epoch [rad]
 BEGAN = slice(47, 49)  # horizontal velocity at the start of the span since the last epoch [m/s]
-SQUARES = slice(49, 52)  # see `insnav.kernels.epoch.beyond_linear`
+SQUARES = slice(49, 52)  # squares for second-order noise, see `insnav.kernels.epoch.beyond_linear`
 TILTED = slice(52, 56)  # sum of tilt corrections N, E [rad]; its largest square, and the squares counted [rad^2]
 FURTHER = 56  # index of the first value of the further blocks
 # rows of a table `places` (k, 3), one per further block: first state (-1: known), first value, number of states

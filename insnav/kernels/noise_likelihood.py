@@ -76,7 +76,7 @@ def tape(
     noise_of = np.where(both, history[:, NOISE : NOISE + 36].reshape(m, 6, 6), np.eye(6))
     s = hp @ np.swapaxes(of_used, 1, 2) + noise_of  # innovation covariance
     gain = np.linalg.inv(s) @ hp
-    reduction = np.swapaxes(gain[:, :, :STATES], 1, 2) @ hp[:, :, :STATES]  # of the covariance by measurements
+    reduction = np.swapaxes(gain[:, :, :STATES], 1, 2) @ hp[:, :, :STATES]  # of the covariance
     after = np.roll(before[:, :STATES, :STATES] - reduction, 1, axis=0)  # covariance after the previous epoch
     gyro, accel = _white(phi, span, 6), _white(phi, span, 3)
     still = held(phi)  # in a long stationary period, the filter ignores the gyros
@@ -271,7 +271,7 @@ def innovations(  # type: ignore[no-untyped-def]
                 out[0, count], out[1, count] = error, s
                 far = abs(error) / np.sqrt(s)
                 if far > limit:
-                    s *= far / limit  # Huber's weight
+                    s *= far / limit  # Huber's weight: a larger variance
                 inverse[used] = 1.0 / s
                 for a in range(n):
                     mean[a] += error / s * ph[used, a]
@@ -293,7 +293,7 @@ def innovations(  # type: ignore[no-untyped-def]
                     for j in range(wide):
                         p[a, j] -= g0 * ph[b, j] + g1 * ph[b + 1, j] + g2 * ph[b + 2, j]
             for a in range(n):
-                mean[a] -= fed[k, a]  # the run fed this error back
+                mean[a] -= fed[k, a]  # the run subtracted this error from its state
         for c in range(each):
             for i in range(NAV):
                 push[c, k, i] = means[c, i]

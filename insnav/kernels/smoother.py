@@ -158,7 +158,7 @@ def backward(  # type: ignore[no-untyped-def]
         for i in range(m):
             pull[i] = 0.0
             for j in range(n):
-                weight[i, j] = 0.0  # S^-1 H
+                weight[i, j] = 0.0  # row i of S^-1 H
                 for a in range(m):
                     weight[i, j] += s[i, a] * h[a, j]
                 pull[i] += hp[i, j] * adjoint[j]

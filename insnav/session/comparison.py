@@ -60,7 +60,7 @@ def compare(
     if gps is not None and same_positions(gps, fixed):
         notes = (*notes, Finding.of(Code.REF_SAME_AS_GPS, subject="ref"))
     else:
-        with suppress(InputError):  # no common time: reported below, with the run
+        with suppress(InputError):  # without a common time, `compare_solutions` raises the error
             fixed, doubts = check_reference(fixed, chosen.trajectory, gps, chosen.lever_b if point is None else point)
             notes = (*notes, *doubts)
     found = compare_solutions(solutions, fixed, point)

@@ -282,7 +282,7 @@ class OnlineFilter:
         if np.inf > gap > LONGEST_GAP:
             if not self._aligning:
                 self._ended = before
-            self._aligning, self._held, self._saved, self._recent = True, self._nothing, [], []  # align anew
+            self._aligning, self._held, self._saved, self._recent = True, self._nothing, [], []  # start alignment
             self._gps = self._gps.rows(self._gps.time > before)
             self._record.event(Finding.of(Code.ONLINE_GAP, before, before + gap, gap_s=gap, limit_s=LONGEST_GAP))
         if not self._aligning:

@@ -48,7 +48,7 @@ class Runs:
     seed: IntArray
     figures: FloatArray  # (n, k) figures of the successful runs
     total: FloatArray  # sum of the series of the successful runs
-    failures: tuple[Failure, ...]  # failed runs
+    failures: tuple[Failure, ...]  # runs that ended in an error
 
     @property
     def done(self) -> int:

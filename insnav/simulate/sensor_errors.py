@@ -60,7 +60,7 @@ def within(time: FloatArray, spells: Iterable[tuple[float, float]]) -> BoolArray
 class ImuSimulation:
     """Samples of a simulated IMU, with their errors."""
 
-    imu: ImuData  # samples with errors
+    imu: ImuData  # simulated samples, with errors
     errors: ImuErrors  # constant errors of the IMU: turn-on bias, scale factor, misalignment
     # (n, 3) total bias over time, turn-on and in-run [rad/s], [m/s^2]
     gyro_bias: FloatArray
@@ -262,7 +262,7 @@ class GpsSpec:
     outages: tuple[tuple[float, float], ...] = ()  # start after the start of the motion, and length of outages [s]
     # period of regular outages, and length of the outage at the end of each period [s]
     outage_period: tuple[float, float] | None = None
-    outage: RandomSpells | None = None  # random outages
+    outage: RandomSpells | None = None  # outages at random times
     stated: float = 1.0  # ratio of reported to true standard deviations
     source: str = ""  # source of the figures
 

@@ -40,7 +40,7 @@ from insnav.exceptions import ConfigError
 from insnav.spill import by_blocks
 from insnav.types import FloatArray, GpsData, ImuData, Sampling, Trajectory
 
-Gravity = Literal["full", "plumb", "linear"]  # see `Truth`
+Gravity = Literal["full", "plumb", "linear"]  # gravity model, see `Truth`
 Vector = tuple[FloatArray, FloatArray, FloatArray]  # separate components: numpy is twice as fast on contiguous arrays
 _LONGEST_PIECE = 0.02  # [s]; five nodes per piece integrate motion up to 15 Hz to 1e-13 of an increment
 _FINE = 4.2  # pieces per knot interval above which four nodes suffice: motion is slower than the knots
@@ -159,7 +159,7 @@ class Truth(ABC):
 
     __slots__ = ()
 
-    duration: float  # length [s]
+    duration: float  # length of the motion [s]
     start: float  # time of the first instant [s]
     # normal gravity: ``full``; ``plumb`` without its north component above the ellipsoid (0.7 ug at 1 km). ``linear``
     # is also linear in height (error 0.5 ug at 1 km). ``plumb`` and ``linear`` are for comparisons with other packages

@@ -168,7 +168,7 @@ class Rise:
     If `total` is too small the rate remains lower, and rises and falls with the same slope.
     """
 
-    total: float  # change, of either sign
+    total: float  # total change, of either sign
     limit: float  # upper limit of the rate, above 0 [1/s]
     ramp_limit: float  # time in which the rate goes from 0 to `limit` [s]
 
@@ -227,7 +227,7 @@ class State:
 class Move:
     """Move of a vehicle."""
 
-    duration: float  # [s]
+    duration: float  # duration of the move [s]
     # initial and final state of the vehicle
     begin: State
     end: State

@@ -42,13 +42,13 @@ class Start:
     """Initial state of a motion."""
 
     lla: FloatArray  # (3,) latitude [rad], longitude [rad], height [m]
-    # [rad], [m/s]
+    # heading [rad], forward speed [m/s]
     heading: float
     speed: float
     # attitude of the IMU in the level vehicle [rad]
     roll: float
     pitch: float
-    time: float  # [s]
+    time: float  # time at the start [s]
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,7 +61,7 @@ class Commands:
     heading: FloatArray
     grade: FloatArray
     right: FloatArray
-    duration: float  # [s]
+    duration: float  # duration of the motion [s]
 
 
 def spacing_of(moves: Sequence[Move], vibration: Vibration) -> float:
