@@ -21,7 +21,7 @@ from insnav.kernels import CONTENT, alignment, epoch, errorstate, increments, li
 from insnav.kernels import noise_likelihood as likelihood
 
 _tuple: Any = types.BaseTuple.from_types
-MOST = 4  # processes: the longest kernel takes a quarter of the total time
+MOST = 4  # processes; more are useless, as the slowest kernel takes a quarter of the total time
 
 
 def needed() -> bool:
@@ -42,7 +42,7 @@ def _mark() -> Path:
 def compile_ahead() -> None:
     """Compile all kernels, some of them in this process. A kernel that fails here is compiled when it is first called.
 
-    A pipe holds the numbers of the kernels; an idle process reads the next number.
+    A pipe holds the numbers of the groups of kernels; each idle process reads the next number.
     """
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     numbers, ours = os.pipe()
@@ -65,7 +65,7 @@ def compile_ahead() -> None:
 
 def _compile(numbers: int) -> None:
     """Compile the kernels whose numbers can be read from a file descriptor."""
-    gc.disable()  # saves a sixth of the time
+    gc.disable()  # compilation without garbage collection takes a sixth less time
     kernels = _kernels()
     while number := os.read(numbers, 1):
         for kernel, *given in kernels[number[0]]:

@@ -7,8 +7,8 @@ import numpy as np
 from insnav.kernels import inner, njit
 from insnav.kernels.mechanization import quaternion_step
 
-SWEEPS = 20  # Jacobi rotations at most; about five suffice
-REWEIGHTED, NEAR = 10, 0.05  # iterations of a robust mean; norm up to which an observation has full weight [-]
+SWEEPS = 20  # largest number of sweeps of Jacobi rotations; about five suffice
+REWEIGHTED, NEAR = 10, 0.05  # iterations of the mean rotation; distance from it with full weight [-]
 
 
 @njit(cache=True)
@@ -19,14 +19,14 @@ def gyro_history(q, w_ie_n, dt, dtheta, dvel, q_out, u_out):  # type: ignore[no-
     velocities [m/s] without bias. Row 0 of `q_out`, (n + 1, 4), and of `u_out`, (n + 1, 3), the integral of
     ``C_nb f_b`` [m/s], is the start.
     """
-    # element by element: assigning slices takes seconds to compile
+    # copies arrays element by element, as slices take seconds to compile
     x = np.zeros(10)
     for i in range(4):
         x[6 + i] = q[i]
         q_out[0, i] = q[i]
     u_out[0, 0] = u_out[0, 1] = u_out[0, 2] = 0.0
     for k in range(dt.shape[0]):
-        # specific force along the attitude half-way through the interval
+        # resolve the specific force with the attitude half-way through the interval
         h = 0.5 * dt[k]
         wn, we, wd = h * w_ie_n[0], h * w_ie_n[1], h * w_ie_n[2]
         rx, ry, rz = 0.5 * dtheta[k, 0], 0.5 * dtheta[k, 1], 0.5 * dtheta[k, 2]
@@ -59,14 +59,14 @@ def joined(end, dt, gyro, accel, gap, instant, count, inside, out):  # type: ign
         scale = dt[k] if instant else 1.0
         x, y, z = gyro[k, 0] * scale, gyro[k, 1] * scale, gyro[k, 2] * scale
         fx, fy, fz = accel[k, 0] * scale, accel[k, 1] * scale, accel[k, 2] * scale
-        if rows == 0 or inside == count or gap[k] != out[rows - 1, 8]:
+        if rows == 0 or inside == count or gap[k] != out[rows - 1, 8]:  # start a new row
             rows, inside = rows + 1, 0
             for i in range(1, 8):
                 out[rows - 1, i] = 0.0
         inside += 1
         row = out[rows - 1]
         a, b, c = row[2], row[3], row[4]
-        # earlier specific force is resolved in axes that keep turning, on average by half of each rotation
+        # the axes at the middle turn by half of each further rotation: resolve the earlier velocity increment in them
         px, py, pz = row[5], row[6], row[7]
         row[2] = a + x + 0.5 * (b * z - c * y)
         row[3] = b + y + 0.5 * (c * x - a * z)
@@ -95,8 +95,8 @@ def window_histories(dt, dtheta, dvel, first, out):  # type: ignore[no-untyped-d
 def window_scatter(dt, gyro, accel, instant, size, begin, first, last, mean, loud):  # type: ignore[no-untyped-def]
     """Compute mean and scatter of rate and specific force in windows of `size` intervals, from row `begin` on.
 
-    Windows `first` to `last` - 1 are filled: `mean` (2, n, 3), and `loud` (2, n), the norm of the standard deviation
-    [rad/s], [m/s^2].
+    Windows `first` to `last` - 1 are filled: `mean` (2, n, 3), and `loud` (2, n), the norm of their sd [rad/s],
+    [m/s^2].
     """
     here = np.zeros((size, 6))
     for w in range(first, last):
@@ -119,12 +119,12 @@ def window_scatter(dt, gyro, accel, instant, size, begin, first, last, mean, lou
 
 @inner()
 def _nearest(b, sign, k, v, out):  # type: ignore[no-untyped-def]
-    """Find the rotation (3, 3), times a `sign`, nearest to `sign` times a sum of outer products `b`; `k`, `v`: work.
+    """Find the rotation (3, 3), times a `sign`, nearest to `sign` times a sum of outer products `b`. `k`, `v`: work.
 
-    Davenport's q-method (Markley and Mortari, J. Astronautical Sciences 48 (2000) 359-380): its quaternion is the
-    eigenvector of the largest eigenvalue, here by Jacobi's rotations.
+    Davenport's q-method (Markley and Mortari, J. Astronautical Sciences 48 (2000) 359-380): the quaternion is the
+    eigenvector of the largest eigenvalue, here computed by Jacobi rotations.
     """
-    k[0, 0] = sign * (b[0, 0] + b[1, 1] + b[2, 2])
+    k[0, 0] = sign * (b[0, 0] + b[1, 1] + b[2, 2])  # Davenport's matrix (4, 4)
     for i in range(3):
         j, m = (i + 1) % 3, (i + 2) % 3
         k[0, i + 1] = k[i + 1, 0] = sign * (b[m, j] - b[j, m])
@@ -151,7 +151,7 @@ def _nearest(b, sign, k, v, out):  # type: ignore[no-untyped-def]
                 for m in range(4):
                     k[i, m], k[j, m] = c * k[i, m] - s * k[j, m], s * k[i, m] + c * k[j, m]
                     v[m, i], v[m, j] = c * v[m, i] - s * v[m, j], s * v[m, i] + c * v[m, j]
-        if off <= 1e-32 * size:
+        if off <= 1e-32 * size:  # the matrix is diagonal to rounding
             break
     most = 0
     for i in range(1, 4):
@@ -170,8 +170,8 @@ def _nearest(b, sign, k, v, out):  # type: ignore[no-untyped-def]
 def mean_rotation(seen, felt, weight, sign, each, mean, away):  # type: ignore[no-untyped-def]
     """Find the rotation, times a `sign`, from `felt` to `seen` vectors (w, m, 3), for each window and for all.
 
-    A window far from the mean is de-weighted: `weight` (w,) over its distance. Filled: `each` (w, 3, 3), `mean` (3, 3),
-    and `away` (w,), the Frobenius distance of each window from the mean.
+    A window far from the mean is de-weighted: `weight` (w,) is divided by the distance. Filled: `each` (w, 3, 3),
+    `mean` (3, 3), and `away` (w,), the Frobenius distance of each window from the mean.
     """
     k, v, b = np.zeros((4, 4)), np.zeros((4, 4)), np.zeros((3, 3))
     for w in range(seen.shape[0]):
@@ -199,15 +199,15 @@ def mean_rotation(seen, felt, weight, sign, each, mean, away):  # type: ignore[n
 
 @njit(cache=True)
 def level_history(dt, dtheta, dvel, bias, time_constant, turn, change):  # type: ignore[no-untyped-def]
-    """Integrate turn about the vertical and horizontal specific force for an IMU of unknown mounting.
+    """Integrate the turn about the vertical, and the horizontal specific force, of an IMU of unknown mounting.
 
-    The gyros carry the down axis in the body, and the specific force corrects it with a `time_constant` [s]. A
-    horizontal axis is carried along without the vehicle's turns. Increments (n, 3) [rad], [m/s]. `bias` (3,) of the
-    gyros [rad/s]: the mean correction is added to it, since accelerations of a vehicle average to zero. `turn` (n + 1,)
-    [rad] and `change` (n + 1, 2) [m/s] are integrals from zero.
+    The gyros propagate the down axis in body axes, and the specific force corrects it with a `time_constant` [s]. A
+    horizontal axis, propagated likewise, keeps its direction when the vehicle turns. Increments (n, 3) [rad], [m/s].
+    `bias` (3,) of the gyros [rad/s]: the mean correction is added to it, since accelerations of a vehicle average to
+    zero. `turn` (n + 1,) [rad] and `change` (n + 1, 2) [m/s] are integrals from zero.
     """
     d, h, pulled, length = np.zeros(3), np.zeros(3), np.zeros(3), 0.0
-    for k in range(min(dt.shape[0], 25)):  # initial value; the time constant corrects it
+    for k in range(min(dt.shape[0], 25)):  # initial down axis, which the specific force then corrects
         for i in range(3):
             d[i] -= dvel[k, i]
     size = np.sqrt(d[0] ** 2 + d[1] ** 2 + d[2] ** 2)
@@ -215,7 +215,7 @@ def level_history(dt, dtheta, dvel, bias, time_constant, turn, change):  # type:
         d[2], size = 1.0, 1.0
     for i in range(3):
         d[i] /= size
-    flat = 0
+    flat = 0  # body axis nearest to the horizontal plane
     for i in range(1, 3):
         if abs(d[i]) < abs(d[flat]):
             flat = i
@@ -226,7 +226,7 @@ def level_history(dt, dtheta, dvel, bias, time_constant, turn, change):  # type:
         fx, fy, fz = dvel[k, 0], dvel[k, 1], dvel[k, 2]
         norm = np.sqrt(fx * fx + fy * fy + fz * fz)
         gain = min(dt[k] / time_constant, 0.1) / norm if norm > 0.0 else 0.0
-        # fixed directions seen from a turning body: v' = v x w
+        # directions fixed in space, resolved in a turning body: v' = v x w
         x, y, z = d[0], d[1], d[2]
         pulled[0] += gain * (y * fz - z * fy)
         pulled[1] += gain * (z * fx - x * fz)
@@ -250,7 +250,7 @@ def level_history(dt, dtheta, dvel, bias, time_constant, turn, change):  # type:
             h[i] /= size
         turn[k + 1] = turn[k] + wx * d[0] + wy * d[1] + wz * d[2]
         change[k + 1, 0] = change[k, 0] + fx * h[0] + fy * h[1] + fz * h[2]
-        # d x h completes the level axes
+        # d x h is the second level axis
         cx, cy, cz = d[1] * h[2] - d[2] * h[1], d[2] * h[0] - d[0] * h[2], d[0] * h[1] - d[1] * h[0]
         change[k + 1, 1] = change[k, 1] + fx * cx + fy * cy + fz * cz
     for i in range(3):

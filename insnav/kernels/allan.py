@@ -6,9 +6,9 @@ import numpy as np
 
 from insnav.kernels import inner, njit
 
-BLOCK = 2048  # terms of a partial sum: limits rounding and fits into the cache
-FAR = 30.0  # lags beyond this many times both averaging times: derivatives replace differences, which would cancel
-SHORT = 8  # segments with fewer lags are summed lag by lag
+BLOCK = 2048  # terms of a partial sum, which fits into the cache and limits rounding errors
+FAR = 30.0  # lag in sums of both averaging times beyond which a derivative replaces differences, which would cancel
+SHORT = 8  # largest number of lags between two edges that are summed lag by lag
 
 # nodes and weights of Gauss and Legendre's rule on (-1, 1)
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(6)
@@ -34,7 +34,7 @@ def running_sum(values, mean, out):  # type: ignore[no-untyped-def]
 @njit(cache=True, nogil=True, fastmath={"reassoc", "contract", "nsz"})
 def _square_sum(near, middle, far):  # type: ignore[no-untyped-def]
     total = 0.0
-    for k in range(near.shape[0]):  # counts from zero: a possibly negative index would prevent SIMD
+    for k in range(near.shape[0]):  # index from 0: a possibly negative index would prevent vectorisation
         z = far[k] - 2.0 * middle[k] + near[k]
         total += z * z
     return total
@@ -60,9 +60,10 @@ def mean_square_second_difference(x, factors, out):  # type: ignore[no-untyped-d
 
 @inner()
 def _phase_covariance(t, theta, time):  # type: ignore[no-untyped-def]
-    """Compute the autocovariance of the integrated noise at lag t >= 0, without terms that differences cancel: 1, t^2.
+    """Compute the autocovariance of the integrated noise at lag t >= 0, except terms in 1 and t^2, which cancel.
 
-    theta: Q^2, N^2, B^2, K^2, variance of a Gauss-Markov process; `time` is the correlation time of the latter.
+    `theta`: Q^2, N^2, B^2, K^2 (quantisation, white, flicker, random walk), variance of a Gauss-Markov process. `time`:
+    correlation time of this process.
     """
     if t < 0.5:
         return theta[0]
@@ -72,7 +73,7 @@ def _phase_covariance(t, theta, time):  # type: ignore[no-untyped-def]
     value += theta[3] / 12.0 * t * t * t
     if theta[4] > 0.0:
         u = t / time
-        if u < 0.05:  # the leading terms of the closed form cancel
+        if u < 0.05:  # a series, as the leading terms of the closed form cancel
             f = -u * u * u * (1.0 / 6.0 - u / 24.0 + u * u / 120.0 - u * u * u / 720.0)
         else:
             f = np.exp(-u) + u - 1.0 - 0.5 * u * u
@@ -82,12 +83,12 @@ def _phase_covariance(t, theta, time):  # type: ignore[no-untyped-def]
 
 @inner()
 def _square(d, mi, mj, theta, time, ni, nj):  # type: ignore[no-untyped-def]
-    """Squared covariance of second differences d apart, times the number of such pairs."""
+    """Compute the squared covariance of two second differences at lag `d`, times the number of such pairs."""
     pairs = min(ni, nj - d) - max(0.0, -d)
     if pairs <= 0.0:
         return 0.0
     centre = abs(d + mj - mi)
-    if centre > FAR * (mi + mj):  # use the fourth derivative; it is zero for the other terms
+    if centre > FAR * (mi + mj):  # fourth derivative of the autocovariance; zero for the other terms
         r = -theta[2] / (np.pi * centre * centre)
         if theta[4] > 0.0:
             r -= theta[4] / (time * time) * np.exp(-centre / time)
@@ -109,12 +110,12 @@ def _pair(mi, mj, n, theta, time):  # type: ignore[no-untyped-def]
     ni, nj = float(n - 2 * mi), float(n - 2 * mj)
     low, high = 1.0 - ni, nj - 1.0
     span = 2.0 * (mi + mj)
-    edges = np.empty(19)
+    edges = np.empty(19)  # lags between which the covariance is smooth
     edges[0], edges[1] = low, high
     for a in range(3):
         for b in range(3):
             edges[2 + 3 * a + b] = a * mi - b * mj
-    first, last = -2.0 * mj, 2.0 * mi
+    first, last = -2.0 * mj, 2.0 * mi  # lags at which second differences cease to overlap
     edges[11], edges[12], edges[13] = first - 0.5 * span, first - 2.0 * span, first - 8.0 * span
     edges[14], edges[15], edges[16] = last + 0.5 * span, last + 2.0 * span, last + 8.0 * span
     edges[17], edges[18] = 0.0, nj - ni
@@ -133,7 +134,7 @@ def _pair(mi, mj, n, theta, time):  # type: ignore[no-untyped-def]
             while d < end:
                 total += _square(d, mi, mj, theta, time, ni, nj)
                 d += 1.0
-        else:  # the sum over the lags between as an integral: each lag represents half a lag on either side
+        else:  # Gauss-Legendre integral in place of the sum: each lag represents half a lag on either side
             half = 0.5 * inside
             for q in range(_NODES.shape[0]):
                 d = 0.5 * (begin + end) + half * _NODES[q]

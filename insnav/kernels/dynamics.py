@@ -7,12 +7,12 @@ import numpy as np
 from insnav.kernels import njit
 from insnav.kernels.earth import OMEGA, A, gravity_down, radii
 
-NAV = 9  # errors of position N, E, D [m], velocity [m/s] and attitude [rad]
+NAV = 9  # navigation errors: position N, E, D [m], velocity [m/s], attitude [rad]
 
 
 @njit(cache=True)
 def system_matrix(x, f_n, out):  # type: ignore[no-untyped-def]
-    """Fill the continuous-time error dynamics of position, velocity and attitude.
+    """Compute the continuous-time system matrix ``F`` of the errors of position, velocity and attitude.
 
     `x` (10,): navigation state; see `insnav.kernels.mechanization`. `f_n` (3,): specific force in n [m/s^2]. `out` (9,
     9): filled with ``F``.
@@ -36,7 +36,7 @@ def system_matrix(x, f_n, out):  # type: ignore[no-untyped-def]
     out[0, 0], out[0, 2], out[0, 3] = -vd / rm, vn / rm, 1.0
     out[1, 0], out[1, 1], out[1, 2], out[1, 4] = ve * tan_lat / rn, -vd / rn - vn * tan_lat / rn, ve / rn, 1.0
     out[2, 5] = 1.0
-    # perturbed Earth and transport rate, by position N, D and velocity N, E
+    # derivatives of the Earth rate and the transport rate by position N, D [1/(m s)]
     ie_n, ie_d = wie_d / rm, -wie_n / rm  # d w_ie / d position N
     en_d0 = -ve / (cos_lat * cos_lat * rn * rm)
     en_n2, en_e2, en_d2 = ve / (rn * rn), -vn / (rm * rm), -ve * tan_lat / (rn * rn)
@@ -46,7 +46,7 @@ def system_matrix(x, f_n, out):  # type: ignore[no-untyped-def]
     dn, dd = 2.0 * ie_n, 2.0 * ie_d + en_d0
     out[3, 0], out[4, 0], out[5, 0] = ve * dd, vd * dn - vn * dd, -ve * dn
     out[3, 2], out[4, 2], out[5, 2] = ve * en_d2 - vd * en_e2, vd * en_n2 - vn * en_d2, vn * en_e2 - ve * en_n2
-    # ... and the transport rate by velocity
+    # velocity again: derivatives of the transport rate by velocity
     out[3, 3] += vd / rm
     out[3, 4] -= ve * tan_lat / rn
     out[4, 4] += vd / rn + vn * tan_lat / rn

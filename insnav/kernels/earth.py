@@ -23,7 +23,7 @@ G_NORTH = 8.08e-9  # north component above the ellipsoid [1/s^2]         Groves 
 @njit(cache=True)
 def radii(sin_lat):  # type: ignore[no-untyped-def]
     """Compute meridian and transverse radius of curvature [m] (Groves 2013, section 2.4.2)."""
-    root = 1.0 / np.sqrt(1.0 - E2 * (sin_lat * sin_lat))  # same expression as below: compiled code shares it
+    root = 1.0 / np.sqrt(1.0 - E2 * (sin_lat * sin_lat))  # as in `gravity_down`: compiled code shares the expression
     transverse = A * root
     return transverse * (1.0 - E2) * (root * root), transverse
 

@@ -11,12 +11,12 @@ from insnav.kernels import inner, njit
 from insnav.kernels.dynamics import NAV, second_order, system_matrix
 from insnav.kernels.mechanization import step
 
-WIDTH = NAV + 1  # columns: a process and its accumulated error
+WIDTH = NAV + 1  # states: the navigation errors, and the process that causes them
 
 
 @inner()
 def _transition(x, f_n, dt, hold, f, a):  # type: ignore[no-untyped-def]
-    """``a = I + F dt + (F dt)^2 / 2``; height-constrained errors stay zero."""
+    """Compute the transition ``a = I + F dt + (F dt)^2 / 2``; height-constrained errors stay zero."""
     system_matrix(x, f_n, f)
     second_order(f, dt, a)
     for i in range(NAV):
@@ -28,7 +28,7 @@ def _transition(x, f_n, dt, hold, f, a):  # type: ignore[no-untyped-def]
 
 @inner()
 def _entering(f, dt, hold, given, out):  # type: ignore[no-untyped-def]
-    """Error at the end of a step from a disturbance of all nine states integrated over it: ``(I + F dt / 2) u``."""
+    """Compute the error at the end of a step by a disturbance u, integrated over the step: ``(I + F dt / 2) u``."""
     for i in range(3):
         out[i], out[3 + i], out[6 + i] = given[6 + i], given[3 + i], given[i]
     for i in range(NAV):
@@ -107,7 +107,7 @@ def noises(x, f_n, dt, given, axis, white, drive, decay, first, hold, rows, out)
             q, u = p[s], b[axis[s]]
             gone = dt[k] * decay[s]
             d = np.exp(-gone)
-            g = -np.expm1(-gone) / gone if gone > 0.0 else 1.0  # mean of a decaying process over the step
+            g = -np.expm1(-gone) / gone if gone > 0.0 else 1.0  # mean over the step of a process that decays from 1
             _half(q, c[axis[s]], white[s], drive[s], dt[k])
             for i in range(NAV):
                 for j in range(WIDTH):
@@ -173,7 +173,7 @@ def corrupted_run(  # type: ignore[no-untyped-def]
     constrain the vertical channel to `height` (n,) [m] and `v_down` (n,) [m/s]. `rows` (r,) int: samples after which
     the state is stored, increasing. `out` (r, 10): states there.
     """
-    wandering, walking = np.empty(6), np.zeros(6)
+    wandering, walking = np.empty(6), np.zeros(6)  # in-run bias: Gauss-Markov process and random walk
     for i in range(6):
         wandering[i] = drift[i] * rng.standard_normal() if drift[i] > 0.0 else 0.0
     y, c = np.empty(6), np.empty(9)
@@ -193,7 +193,7 @@ def corrupted_run(  # type: ignore[no-untyped-def]
                     z = m[0] * rate[k, 0] + m[1] * rate[k, 1] + m[2] * rate[k, 2]
                 else:
                     z = m[0] * force[k, 0] + m[1] * force[k, 1] + m[2] * force[k, 2]
-                y[3 * sensor + i] = z + bend[sensor, 0, i] * abs(z) + bend[sensor, 1, i] * z * z
+                y[3 * sensor + i] = z + bend[sensor, 0, i] * abs(z) + bend[sensor, 1, i] * z * z  # non-linearity
         for i in range(3):
             g = g_sensitivity[i]
             y[i] += g[0] * force[k, 0] + g[1] * force[k, 1] + g[2] * force[k, 2]
@@ -209,13 +209,13 @@ def corrupted_run(  # type: ignore[no-untyped-def]
         if more.shape[0] > 0:
             for i in range(6):
                 y[i] += more[k, i]
-        # gravity error, half before the step and half after it
+        # add half of the gravity error before the step, and half after it
         x[3] += 0.5 * h * gravity[0]
         x[4] += 0.5 * h * gravity[1]
         if not hold:
             x[5] += 0.5 * h * gravity[2]
         for i in range(6):
-            y[i] *= h
+            y[i] *= h  # convert rates to increments
         held, down = height[k], v_down[k]
         step(x, h, y[0], y[1], y[2], y[3], y[4], y[5], coning, sculling, k, c, 1.0, hold, held, down)
         x[3] += 0.5 * h * gravity[0]
@@ -230,7 +230,7 @@ def corrupted_run(  # type: ignore[no-untyped-def]
 
 @njit(cache=True)
 def first_order(drive, decay):  # type: ignore[no-untyped-def]
-    """First-order process (n, 3) with driving steps `drive` that keeps the factor `decay` from step to step."""
+    """Compute a first-order process (n, 3): the previous value times `decay`, plus the next row of `drive` (n, 3)."""
     process = drive.copy()
     for k in range(1, drive.shape[0]):
         for axis in range(drive.shape[1]):
@@ -242,10 +242,11 @@ def first_order(drive, decay):  # type: ignore[no-untyped-def]
 def _answer(since, rate, given, velocity, position, out):  # type: ignore[no-untyped-def]
     """Compute errors some time after a pulse of attitude, velocity and position.
 
-    velocity, position (3,): integrals of the specific force since then. rate: of the Schuler loop [rad/s].
+    `since`: time since the pulse [s]. `rate`: Schuler rate [rad/s]. `given` (9,): the pulse. `velocity`, `position`
+    (3,): first and second integral of the specific force since the pulse.
     """
     x = rate * since
-    once = twice = thrice = 1.0
+    once = twice = thrice = 1.0  # short form, without the Schuler loop
     if x > 1e-4:
         once, twice, thrice = np.cos(x), np.sin(x) / x, 2.0 * (1.0 - np.cos(x)) / (x * x)
     for i in range(3):
@@ -262,17 +263,18 @@ def _answer(since, rate, given, velocity, position, out):  # type: ignore[no-unt
 def noise_variances(  # type: ignore[no-untyped-def]
     dt, velocity, position, given, rate, rows, white, drive, first, fade, gained, alone, out
 ):
-    """Compute the variances from one noise: white noise, random walks, Gauss-Markov processes.
+    """Compute the variances of navigation errors by white noise, random walks and Gauss-Markov processes.
 
-    Steps are added backwards from each row. `h` is the error at the row by a pulse in the step. Its sum `integral` is
-    the response to a random walk, `correlated` that to a Gauss-Markov process that begins after the step.
+    The sum over steps runs backwards from each row. `h` is the error at the row by a pulse in the step. The sum of `h`,
+    `integral`, is the response to a random walk. `correlated` is the response to a Gauss-Markov process from the next
+    step on.
 
     `dt` (m,): steps [s]. `velocity`, `position` (m + 1, 3): first and second integral of the specific force, North,
     East, Down, at the edges of the steps. `given` (m, 9): rate of attitude, velocity and position errors per unit of
-    the noise. `rate` (r,): Schuler rate at each row, zero for the short forms [rad/s]. `rows` (r,) int: steps after
-    which the variances are stored. `white`, `drive`, `first` (p,), per process: density of its white part, density of
-    its random walk, variance of its Gauss-Markov part. `fade`, `gained`, `alone` (m, p): decay of a Gauss-Markov
-    process over a step, its integral, and variance of the integrated process for unit variance. `out` (r, 9):
+    the noise. `rate` (r,): Schuler rate at each row, zero for short forms [rad/s]. `rows` (r,) int: steps after which
+    the variances are stored. `white`, `drive`, `first` (p,), per process: density of its white part, density of its
+    random walk, variance of its Gauss-Markov part. `fade`, `gained`, `alone` (m, p): decay of a Gauss-Markov process
+    over a step, its integral, and variance of the integrated process for unit variance. `out` (r, 9):
     variances of position [m^2], velocity [m^2/s^2] and attitude [rad^2].
     """
     h, moved, placed = np.empty(9), np.empty(3), np.empty(3)
@@ -284,7 +286,7 @@ def noise_variances(  # type: ignore[no-untyped-def]
             since += 0.5 * dt[k]
             for i in range(3):
                 middle = 0.5 * (velocity[k, i] + velocity[k + 1, i])
-                # means over the step, and means of the products with time
+                # means over the step of velocity, and of position plus velocity times the remaining time
                 at = 0.5 * (position[k, i] + position[k + 1, i]) - dt[k] * (velocity[k + 1, i] - velocity[k, i]) / 6.0
                 moved[i] = velocity[end, i] - middle
                 placed[i] = position[end, i] - at - since * middle

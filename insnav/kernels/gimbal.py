@@ -15,15 +15,15 @@ from insnav.kernels.earth import OMEGA, gravity_down, gravity_north, radii
 from insnav.kernels.increments import turned
 from insnav.kernels.mechanization import within_turn
 
-FORWARD, BACKWARD, MEAN, FOURTH = 0, 1, 2, 3
-OFF, FREE, DAMPED = 0, 1, 2
+FORWARD, BACKWARD, MEAN, FOURTH = 0, 1, 2, 3  # methods: Euler, implicit Euler, trapezoid, fourth-order Runge-Kutta
+OFF, FREE, DAMPED = 0, 1, 2  # states of the vertical channel: omitted, undamped, damped
 STATES = 18
 COMPUTED = 7  # first state of the platform with errors
-TURN = 14  # first of its quaternion
+TURN = 14  # first element of its quaternion
 NEIGHBOURS = 6  # samples for the interpolated value half-way between two samples
-ITERATIONS = 4  # of the implicit steps; each gains a factor of at least 30, and 1e4 at 100 Hz
-NEAREST_POLE = 1e-3  # cosine of the latitude: 6 km
-HIGHEST = 1e6  # [m]
+ITERATIONS = 4  # iterations of an implicit step; each reduces its error by a factor of 30 or more, 1e4 at 100 Hz
+NEAREST_POLE = 1e-3  # smallest cosine of the latitude: 6 km from a pole
+HIGHEST = 1e6  # largest height [m]
 
 
 @njit(cache=True)
@@ -55,7 +55,7 @@ def midpoints(time, values, out):  # type: ignore[no-untyped-def]
 
 @njit(cache=True)
 def quadrature(method, time, values, mid, out):  # type: ignore[no-untyped-def]
-    """Integrate samples ``(n,)`` from the first on, ``out`` (n,), by the quadrature rule of the method."""
+    """Integrate samples ``(n,)``, with midpoints `mid` (n - 1,), from the first on by the method's rule: `out` (n,)."""
     out[0] = 0.0
     for k in range(time.shape[0] - 1):
         a, b = values[k], values[k + 1]
@@ -74,7 +74,7 @@ def quadrature(method, time, values, mid, out):  # type: ignore[no-untyped-def]
 def channel(y, o, fn, fe, fd, height, vertical, gains, d):  # type: ignore[no-untyped-def]
     """Compute rates of the seven states from `o` on, in `d`; return the rate of North, East, Down in inertial space.
 
-    Groves (2013), eq. 2.111, 2.123, 5.44 and 5.53; damping of the vertical channel of third order.
+    Groves (2013), eq. 2.111, 2.123, 5.44 and 5.53; third-order damping of the vertical channel.
     """
     lat, h, vn, ve, vd = y[o], y[o + 2], y[o + 3], y[o + 4], y[o + 5]
     sin_lat, cos_lat = np.sin(lat), np.cos(lat)
@@ -192,7 +192,7 @@ def navigate(method, time, f, mid, vertical, gains, disturbed, errors, y, every,
         advance(method, time[k + 1] - time[k], f, mid, k, vertical, gains, disturbed, errors, y, work)
         for part in range(last):
             o = part * COMPUTED
-            # written so that NaN fails, too
+            # this form also rejects NaN
             if not (np.cos(y[o]) > NEAREST_POLE and abs(y[o]) < 1.6 and abs(y[o + 2]) < HIGHEST):
                 return k
         if (k + 1) % every == 0:

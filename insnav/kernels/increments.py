@@ -2,7 +2,7 @@
 
 Inside an interval, a polynomial through the neighbouring samples represents angular rate and specific force. The
 classical Runge-Kutta method integrates the quaternion from it, and Simpson's rule the velocity from the rotated
-specific force. One pass finds out whether samples are plausible.
+specific force. `glance` checks the plausibility of the samples in one pass.
 """
 
 from __future__ import annotations
@@ -11,26 +11,26 @@ import numpy as np
 
 from insnav.kernels import inner, njit
 
-WINDOW = 5  # increments in the polynomial; one more with instantaneous samples
-LOOKAHEAD = WINDOW - 1  # samples after an interval that its computation needs, at the start of a segment
+WINDOW = 5  # samples that determine a polynomial; one more if they are instantaneous
+LOOKAHEAD = WINDOW - 1  # most samples needed after an interval: at the start of a segment
 UNIFORM = 1e-4  # relative spread of the intervals below which the weights for equal intervals apply
 
 
 def uniform_weights(instant: bool) -> np.ndarray:
-    """Compute polynomial coefficients from neighbouring samples at equal spacing.
+    """Compute the weights that convert equally spaced neighbouring samples to polynomial coefficients.
 
     `instant`: samples are values at the interval ends instead of integrals over intervals.
 
-    Returns: `(WINDOW + 2`, `WINDOW + 1`, `WINDOW + 1`, `WINDOW + 1) array`: ``w[size, offset, j, i]``. It is the
-    coefficient of ``s**j`` from sample ``i`` of a window of `size` samples, for interval `offset`. ``s`` is 0 at the
-    start and 1 at the end of the interval. The polynomial is the integrand per unit of ``s`` (rate times interval).
+    Returns: ``w[size, offset, j, i]``, (WINDOW + 2, WINDOW + 1, WINDOW + 1, WINDOW + 1): weight of sample ``i`` in the
+    coefficient of ``s**j``. The window has `size` samples, and ``s`` goes from 0 to 1 in its interval number `offset`.
+    The polynomial is the rate or specific force times the interval.
     """
     largest = WINDOW + 1
     weights = np.zeros((largest + 1, largest, largest, largest))
     for size in range(1, largest + 1):
         power = np.arange(size)
         for offset in range(size):
-            # an instantaneous window is numbered by the sample at the end of the interval, s = 1
+            # s at the start of each increment, or of each instantaneous sample: number `offset` is at s = 1
             edge = np.arange(size) - offset + (1.0 if instant else 0.0)
             if instant:
                 rows = edge[:, None] ** power
@@ -41,14 +41,14 @@ def uniform_weights(instant: bool) -> np.ndarray:
 
 
 def stage_weights(weights: np.ndarray) -> np.ndarray:
-    """Compute values at the start, middle and end of an interval from neighbouring samples at equal spacing.
+    """Compute the weights that convert equally spaced samples to values at start, middle and end of an interval.
 
-    The fourth row is the integral over the first half minus the estimate of the dense Runge-Kutta output,
-    ``(5 start + 8 middle - end) / 24``. It halves the sculling error.
+    A fourth row gives the exact integral over the first half minus the Runge-Kutta estimate of this integral, ``(5
+    start + 8 middle - end) / 24``. This correction of the attitude at mid-interval halves the sculling error.
 
     `weights`: from `uniform_weights`.
 
-    Returns: `(WINDOW + 2`, `WINDOW + 1`, `4`, `WINDOW + 1) array`: ``w[size, offset, stage, i]``.
+    Returns: ``w[size, offset, stage, i]``, (WINDOW + 2, WINDOW + 1, 4, WINDOW + 1).
     """
     order = np.arange(WINDOW + 1)
     start, middle, end = np.array([0.0, 0.5, 1.0])[:, None] ** order
@@ -59,7 +59,7 @@ def stage_weights(weights: np.ndarray) -> np.ndarray:
 
 @inner()
 def _regular(a, size, weights, scale, gyro, accel, coefficient):  # type: ignore[no-untyped-def]
-    """Compute coefficients for equal spacing, for all six channels."""
+    """Compute the polynomial coefficients of all six channels from equally spaced samples."""
     coefficient[:] = 0.0
     for i in range(size):
         for j in range(size):
@@ -71,7 +71,7 @@ def _regular(a, size, weights, scale, gyro, accel, coefficient):  # type: ignore
 
 @inner()
 def _irregular(k, a, size, instant, end, dt, gyro, accel, node, table, coefficient):  # type: ignore[no-untyped-def]
-    """Compute coefficients for unequal spacing: Newton's divided differences at the true times, all six channels."""
+    """Compute the coefficients of all six channels from unequally spaced samples, by Newton's divided differences."""
     start, scale = end[k] - dt[k], dt[k]
     points = size if instant else size + 1
     if instant:
@@ -92,14 +92,14 @@ def _irregular(k, a, size, instant, end, dt, gyro, accel, node, table, coefficie
         for order in range(1, points):
             for i in range(points - 1, order - 1, -1):
                 table[i] = (table[i] - table[i - 1]) / (node[i] - node[i - order])
-        # Newton's form to powers of s, in place (Horner)
+        # convert Newton's form to powers of s, in place (Horner's scheme)
         for i in range(points - 2, -1, -1):
             for j in range(i, points - 1):
                 table[j] -= node[i] * table[j + 1]
         for j in range(WINDOW + 1):
             coefficient[channel, j] = 0.0
         for j in range(size):
-            # increments: the table holds the integral, its derivative is wanted
+            # with increments the table holds the integral: differentiate it
             coefficient[channel, j] = table[j] if instant else (j + 1.0) * table[j + 1]
 
 
@@ -160,17 +160,17 @@ def turn_factors(angle2):  # type: ignore[no-untyped-def]
 def interval_ends(time, nominal, longest, window, before, first, last, start, end):  # type: ignore[no-untyped-def]
     """Fill `start` and `end` (n,) [s] of the intervals of samples `first` to `last` - 1, stamped at `time` (n,).
 
-    `before`: share of the interval before its stamp. The `nominal` interval [s] replaces steps with missing samples.
-    These are longer than `longest` nominal intervals, and not compensated by jitter within `window` steps.
+    `before`: share of the interval before its timestamp. The `nominal` interval [s] replaces a step with missing
+    samples. Such a step exceeds `longest` nominal intervals, and jitter within `window` steps does not explain it.
     """
     n = time.shape[0]
     for k in range(max(first - 1, 0), last):
-        step = nominal
+        step = nominal  # replaced below if no sample is missing
         if k < n - 1 and time[k + 1] - time[k] <= longest * nominal:
             step = time[k + 1] - time[k]
         elif k < n - 1:
             begin, stop = max(k - window, 0), min(k + window + 1, n - 1)
-            # up to 4 ms of jitter at 100 Hz moves the ends of the window by 0.8 of a step
+            # jitter alone: up to 4 ms at 100 Hz moves the ends of the window by 0.8 of a step
             if time[stop] - time[begin] <= (stop - begin + 0.85) * nominal:
                 step = time[k + 1] - time[k]
         end[k] = time[k] + (1.0 - before) * step
@@ -182,9 +182,10 @@ def interval_ends(time, nominal, longest, window, before, first, last, start, en
 
 @njit(cache=True)
 def split(end, dt, first, last, times, tolerance, parent, s0, s1):  # type: ignore[no-untyped-def]
-    """Cut intervals `first` to `last` - 1 at `times` (m,) in order [s], but not within `tolerance` of another cut.
+    """Split intervals `first` to `last` - 1 at increasing `times` (m,) [s], not within `tolerance` of other edges.
 
-    Fills, for each piece, its interval and its start and end as a fraction of it; returns the number of pieces.
+    Fills the interval number `parent` of each piece, and its start `s0` and end `s1` as fractions of the interval.
+    Returns: number of pieces.
     """
     count, i, before = 0, 0, -np.inf
     for k in range(first, last):
@@ -218,36 +219,36 @@ def increments(  # type: ignore[no-untyped-def]
     coefficient, stage = np.zeros((6, WINDOW + 1)), np.zeros((6, 3))
     node = np.zeros(WINDOW + 2)
     table = np.zeros(WINDOW + 2)
-    wanted = WINDOW + 1 if instant else WINDOW
-    before = 3 if instant else 2
+    wanted = WINDOW + 1 if instant else WINDOW  # samples in a full window
+    before = 3 if instant else 2  # usual number of samples before the interval's sample
     last, a, size, offset = -1, 0, 0, 0
     regular, ready, scale = False, False, 1.0
     for m in range(parent.shape[0]):
         k = parent[m]
-        if dt[k] == 0.0:  # the first instantaneous value ends no interval
+        if dt[k] == 0.0:  # before the first instantaneous sample there is no interval
             for i in range(3):
                 dtheta[m, i] = dvel[m, i] = coning[m, i] = sculling[m, i] = 0.0
             continue
         if k != last:
             last = k
-            left, right = min(wanted - 1, k), min(wanted - 1, n - 1 - k)
+            left, right = min(wanted - 1, k), min(wanted - 1, n - 1 - k)  # samples on either side in the segment
             while segment[k - left] != segment[k]:
                 left -= 1
             while segment[k + right] != segment[k]:
                 right -= 1
             size = min(wanted, left + right + 1)
             offset = min(left, max(before, size - 1 - right))
-            a = k - offset
+            a = k - offset  # first sample of the window
             regular = True
             # the first sample of an instantaneous segment has no interval of its own
             for i in range(a + 1 if instant else a, a + size):
                 if abs(dt[i] - dt[k]) > UNIFORM * dt[k]:
                     regular = False
             scale = dt[k] if instant else 1.0
-            ready = False  # the coefficients are computed only where they are needed
-        b, e = s0[m], s1[m]
+            ready = False  # compute polynomial coefficients only where needed
+        b, e = s0[m], s1[m]  # start and end of the piece
         h = e - b
-        if regular and h == 1.0:
+        if regular and h == 1.0:  # a whole interval with equal spacing: tabulated weights suffice
             xb = yb = zb = xm = ym = zm = xe = ye = ze = xh = yh = zh = fm = gm = hm = fe = ge = he = 0.0
             for i in range(size):
                 wb = stages[size, offset, 0, i] * scale
@@ -294,7 +295,7 @@ def increments(  # type: ignore[no-untyped-def]
             xh, yh, zh = stage[3, 0], stage[3, 1], stage[3, 2]
             fm, gm, hm = stage[4, 0], stage[4, 1], stage[4, 2]
             fe, ge, he = stage[5, 0], stage[5, 1], stage[5, 2]
-        if h == 1.0 and not instant:
+        if h == 1.0 and not instant:  # the increment of a whole interval was measured
             for i in range(3):
                 dtheta[m, i] = gyro[k, i]
                 dvel[m, i] = accel[k, i]
@@ -306,7 +307,7 @@ def increments(  # type: ignore[no-untyped-def]
                 dtheta[m, i] = _integral(coefficient, i, e) - _integral(coefficient, i, b)
                 dvel[m, i] = _integral(coefficient, i + 3, e) - _integral(coefficient, i + 3, b)
 
-        a0, a1, a2, a3 = quaternion_rate(1.0, 0.0, 0.0, 0.0, xb, yb, zb)
+        a0, a1, a2, a3 = quaternion_rate(1.0, 0.0, 0.0, 0.0, xb, yb, zb)  # Runge-Kutta stages
         b0, b1, b2, b3 = quaternion_rate(1.0 + 0.5 * a0, 0.5 * a1, 0.5 * a2, 0.5 * a3, xm, ym, zm)
         c0, c1, c2, c3 = quaternion_rate(1.0 + 0.5 * b0, 0.5 * b1, 0.5 * b2, 0.5 * b3, xm, ym, zm)
         d0, d1, d2, d3 = quaternion_rate(1.0 + c0, c1, c2, c3, xe, ye, ze)
@@ -314,21 +315,21 @@ def increments(  # type: ignore[no-untyped-def]
         q1 = (a1 + 2.0 * b1 + 2.0 * c1 + d1) / 6.0
         q2 = (a2 + 2.0 * b2 + 2.0 * c2 + d2) / 6.0
         q3 = (a3 + 2.0 * b3 + 2.0 * c3 + d3) / 6.0
-        # quaternion half-way from the same stages (third-order dense output of the classical method), with the rate
-        # itself integrated exactly
+        # Quaternion at mid-interval from the same stages (third-order dense output of the Runge-Kutta method). ``xh``,
+        # ``yh``, ``zh`` correct it for the exact integral of the rate.
         m0 = 1.0 + (5.0 * a0 + 4.0 * b0 + 4.0 * c0 - d0) / 24.0
         m1 = (5.0 * a1 + 4.0 * b1 + 4.0 * c1 - d1) / 24.0 + 0.5 * xh
         m2 = (5.0 * a2 + 4.0 * b2 + 4.0 * c2 - d2) / 24.0 + 0.5 * yh
         m3 = (5.0 * a3 + 4.0 * b3 + 4.0 * c3 - d3) / 24.0 + 0.5 * zh
 
         sine2 = q1 * q1 + q2 * q2 + q3 * q3
-        u = sine2 / (q0 * q0)  # the arctangent of its root: a series exact to rounding below 0.1 rad
+        u = sine2 / (q0 * q0)  # squared tangent of half the angle; the series is exact to rounding below 0.1 rad
         if u < 0.0025:
             stretch = 1.0 / 7.0 - u * (1.0 / 9.0 - u * (1.0 / 11.0 - u / 13.0))
             stretch = 2.0 * (1.0 - u * (1.0 / 3.0 - u * (0.2 - u * stretch))) / q0
         else:
             stretch = 2.0 * np.arctan2(np.sqrt(sine2), q0) / np.sqrt(sine2)
-        # error of the method itself at a constant rate, leading order: 0.5 ppm at 1000 deg/s and 100 Hz
+        # remove the leading error of the Runge-Kutta method at a constant rate: 0.5 ppm at 1000 deg/s and 100 Hz
         tx, ty, tz = dtheta[m, 0], dtheta[m, 1], dtheta[m, 2]
         angle2 = tx * tx + ty * ty + tz * tz
         kept = 1.0 - angle2 * angle2 / 1920.0
@@ -336,10 +337,10 @@ def increments(  # type: ignore[no-untyped-def]
         coning[m, 1] = stretch * q2 - kept * ty
         coning[m, 2] = stretch * q3 - kept * tz
 
-        ux, uy, uz = turned(m0, m1, m2, m3, fm, gm, hm)
+        ux, uy, uz = turned(m0, m1, m2, m3, fm, gm, hm)  # change of the specific force by rotation, at mid-interval
         wx, wy, wz = turned(q0, q1, q2, q3, fe, ge, he)
         vx, vy, vz = dvel[m, 0], dvel[m, 1], dvel[m, 2]
-        f1, f2 = turn_factors(angle2)
+        f1, f2 = turn_factors(angle2)  # effect of a constant rate, which is not sculling
         kx, ky, kz = ty * vz - tz * vy, tz * vx - tx * vz, tx * vy - ty * vx
         sculling[m, 0] = (4.0 * ux + wx) / 6.0 - f1 * kx - f2 * (ty * kz - tz * ky)
         sculling[m, 1] = (4.0 * uy + wy) / 6.0 - f1 * ky - f2 * (tz * kx - tx * kz)
@@ -348,10 +349,10 @@ def increments(  # type: ignore[no-untyped-def]
 
 @njit(cache=True)
 def glance(gyro, accel, scale, limit, back):  # type: ignore[no-untyped-def]
-    """Return largest value and change of each axis, (6,); whether a value jumps and returns, or repeats.
+    """Return the largest value and change of each axis, (6,), and whether any value jumps and returns, or repeats.
 
-    `gyro`, `accel` (n, 3) are divided by `scale` (n,) for values and changes. Jump: beyond `limit` (6,) both ways, with
-    a sum below the part `back` of the smaller. Repeat: the same raw value three times.
+    `gyro`, `accel` (n, 3) are divided by `scale` (n,) for values and changes. Jump: two successive changes of opposite
+    sign beyond `limit` (6,), whose sum is below `back` times the smaller change. Repeat: one raw value three times.
     """
     largest, change, value, step = np.zeros(6), np.zeros(6), np.zeros(6), np.zeros(6)
     before, older, odd = np.zeros(6), np.zeros(6), False

@@ -1,7 +1,7 @@
 """Linear error model of one filter run at epoch rate, on which faults are searched.
 
-The states are navigation errors (9), sensor errors (12), further errors that may act on navigation, and others. The
-last nine are fault states: offset of the positions (3), drift of this offset (3), offset of the velocities (3).
+The states are navigation errors (9), sensor errors (12), further errors that may act on navigation, and other states.
+The last nine are fault states: offset of the positions (3), drift of this offset (3), offset of the velocities (3).
 Errors are estimate minus truth: ``e_k = F_k e_{k-1} + w_k``, ``z_k = H_k e_k + v_k``.
 Functions take the same groups of arrays, for m epochs and n states.
 
@@ -22,7 +22,7 @@ Functions take the same groups of arrays, for m epochs and n states.
   - numbers (c,) int of some states, with their mean (m, c) and rows of the covariance (m, c, n) before the measurement.
 
 Components of a measurement are processed one after the other, and change matrices in groups. Rows are padded by
-zeros. The covariance of states that are known exactly at the end, as faults before they begin, is not touched.
+zeros. The covariance of states at the end that are known exactly, such as faults before they begin, is not changed.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ NO_POSITION, NO_VELOCITY = 1, 2  # bits: offset and drift of positions are over;
 
 @inner(forceinline=True)
 def make_rows(count, width):  # type: ignore[no-untyped-def]
-    """Zeros (count, width) from the start of a cache line on, as loads across two lines take longer."""
+    """Return zeros (count, width) aligned with a cache line, as loads across two lines take longer."""
     flat = np.zeros(count * width + 7)
     first = -(flat.ctypes.data // 8) % 8
     return flat[first : first + count * width].reshape(count, width)
@@ -46,13 +46,13 @@ def make_rows(count, width):  # type: ignore[no-untyped-def]
 
 @inner(forceinline=True)
 def padded(columns):  # type: ignore[no-untyped-def]
-    """Round up to whole turns of a vectorized loop: the rest of a loop runs one number at a time."""
+    """Round up to a multiple of 8, the step of a vectorized loop, which takes remaining numbers one at a time."""
     return 8 * ((columns + 7) // 8)
 
 
 @inner(forceinline=True)
 def add_product(y, i, by, k, x, blocks, columns):  # type: ignore[no-untyped-def]
-    """Add row `k` of `by` times `x` (blocks, 9, ...) to row `i` of `y`, for so many columns."""
+    """Add row `k` of `by` times `x` (blocks, 9, ...) to row `i` of `y`, in the first `columns`."""
     for a in range(blocks):
         c = NAV * a
         b0, b1, b2, b3, b4 = by[k, c], by[k, c + 1], by[k, c + 2], by[k, c + 3], by[k, c + 4]
@@ -64,16 +64,16 @@ def add_product(y, i, by, k, x, blocks, columns):  # type: ignore[no-untyped-def
 
 @inner(forceinline=True)
 def subtract_products(y, i, a, x, b, z, columns):  # type: ignore[no-untyped-def]
-    """Subtract row `i` of a' x + b' z, for matrices (3, ...), from row `i` of `y`, for so many columns."""
+    """Subtract row `i` of a' x + b' z, for matrices (3, ...), from row `i` of `y`, in the first `columns`."""
     a0, a1, a2, b0, b1, b2 = a[0, i], a[1, i], a[2, i], b[0, i], b[1, i], b[2, i]
     for j in range(columns):
         part = a0 * x[0, j] + a1 * x[1, j] + a2 * x[2, j]
         y[i, j] -= part + b0 * z[0, j] + b1 * z[1, j] + b2 * z[2, j]
 
 
-@inner(forceinline=True, fastmath={"contract", "reassoc"})  # else a sum has the latency of each of its terms
+@inner(forceinline=True, fastmath={"contract", "reassoc"})  # else each addition waits for the addition before
 def inner_product(x, i, y, k, columns):  # type: ignore[no-untyped-def]
-    """Product of row `i` of `x` with row `k` of `y`, for so many columns."""
+    """Compute the inner product of row `i` of `x` and row `k` of `y`, over the first `columns`."""
     total = 0.0
     for j in range(columns):
         total += x[i, j] * y[k, j]
@@ -82,7 +82,7 @@ def inner_product(x, i, y, k, columns):  # type: ignore[no-untyped-def]
 
 @inner()
 def read_transition(system, k, f, d):  # type: ignore[no-untyped-def]
-    """Read F: rows of navigation into `f`, the diagonal of the others into `d`. Return the time of drift [s]."""
+    """Read F: rows of navigation into `f`, the diagonal of the others into `d`. Return the drift time [s]."""
     span, phi, fade, _q, _qd, cleared = system
     n = fade.shape[1]
     f[:, : phi.shape[2]], d[NAV:n] = phi[k], fade[k, NAV:]
@@ -95,13 +95,13 @@ def read_transition(system, k, f, d):  # type: ignore[no-untyped-def]
 
 @inner(forceinline=True)
 def propagate(x, c, d, drift, ft9, blocks, nav, n):  # type: ignore[no-untyped-def]
-    """Replace row `c` of `x` by F times it, from `read_transition`: `ft9` by blocks, diagonal `d`, span `drift`.
+    """Replace row `c` of `x` by F times this row, F from `read_transition`: `ft9` in blocks, `d`, time `drift` [s].
 
     `blocks`: number of blocks that navigation errors depend on. `nav` (1, 16): work space.
     """
     nav[:] = 0.0
     add_product(nav, 0, x, c, ft9, blocks, 16)
-    for j in range(NAV, n):  # an offset of positions grows by its drift, which has not changed yet: it comes later
+    for j in range(NAV, n):  # the position offset grows by its drift, which later turns of this loop change
         x[c, j] *= d[j]
         if n - 9 <= j < n - 6:
             x[c, j] += drift * x[c, j + 3]
@@ -110,7 +110,7 @@ def propagate(x, c, d, drift, ft9, blocks, nav, n):  # type: ignore[no-untyped-d
 
 @inner(forceinline=True)
 def propagate_back(y, i, x, c, d, drift, f9, short, n):  # type: ignore[no-untyped-def]
-    """Fill row `i` of `y` with row `c` of `x` times F, of which `short` columns are not diagonal."""
+    """Fill row `i` of `y` with row `c` of `x` times F, whose first `short` columns are not diagonal."""
     for j in range(n):
         y[i, j] = d[j] * x[c, j]
     for j in range(n - 9, n - 6):
@@ -131,7 +131,7 @@ def move_drift(p, i, a, d, drift, columns):  # type: ignore[no-untyped-def]
 
 @inner(forceinline=True)
 def close_loop(x, size, by, along, i, columns):  # type: ignore[no-untyped-def]
-    """Take from the first rows of `x` their product with row `i` of `by` times row `i` of `along`."""
+    """Subtract, from each of `size` rows of `x`, its inner product with row `i` of `by` times row `i` of `along`."""
     for c in range(size):
         total = inner_product(x, c, by, i, columns)
         for j in range(columns):
@@ -157,7 +157,7 @@ def forward(system, measured, start, jumps, out):  # type: ignore[no-untyped-def
     mean[0, :n], p[:n, :n] = start
     live, following, total, full = n, 0, 0.0, padded(n)
     for k in range(m):
-        while live > s and p[live - 1, live - 1] == 0.0:  # known exactly, as faults before they begin
+        while live > s and p[live - 1, live - 1] == 0.0:  # skip exactly known states, like later faults
             live -= 1
         wide = padded(live)
         if k > 0:
@@ -178,7 +178,7 @@ def forward(system, measured, start, jumps, out):  # type: ignore[no-untyped-def
             for i in range(NAV):
                 for j in range(wide):
                     p[i, j] = w[i, j] * d[j]
-                for j in range(NAV, STATES):  # noise that drives sensor errors acts on navigation half a span later
+                for j in range(NAV, STATES):  # driving noise acts on navigation for half the span on average
                     p[i, j] += 0.5 * qd[k, j] * f[i, j]
                 for j in range(i + 1):
                     p[i, j] = p[j, i] = nav[i, j] + q[k, i, j]
@@ -188,7 +188,7 @@ def forward(system, measured, start, jumps, out):  # type: ignore[no-untyped-def
                     live = max(live, j + 1)
                 for i in range(NAV):
                     p[j, i] = p[i, j]
-        while following < row.shape[0] and row[following] <= k:
+        while following < row.shape[0] and row[following] <= k:  # add the variance of jumps at this epoch
             for i, c in np.ndindex(n, jump.shape[2]):
                 if jump[following, i, c] != 0.0:
                     live = max(live, i + 1)
@@ -209,16 +209,16 @@ def forward(system, measured, start, jumps, out):  # type: ignore[no-untyped-def
                 if by != 0.0:
                     for j in range(wide):
                         ph[i, j] += by * p[a, j]
-            for b in range(i):  # minus the part explained by earlier components
+            for b in range(i):  # subtract the part explained by earlier components
                 if var[k, b] > 0.0:
                     by = inner_product(hs, 0, ph, b, full)
                     for j in range(wide):
                         ph[i, j] -= by * ph[b, j]
-            error = z[k, i] - inner_product(hs, 0, mean, 0, full)
-            own = var[k, i] + max(inner_product(hs, 0, ph, i, full), 0.0)  # below zero is rounding alone
+            error = z[k, i] - inner_product(hs, 0, mean, 0, full)  # innovation of the component
+            own = var[k, i] + max(inner_product(hs, 0, ph, i, full), 0.0)  # negative only by rounding
             innovation[k, i], variance[k, i] = error, own
             total += np.log(own) + error * error / own
-            root = 1.0 / np.sqrt(own)
+            root = 1.0 / np.sqrt(own)  # scale P h so that its outer product is the reduction of P
             for j in range(n):
                 ph[i, j] *= root
                 gain[k, i, j] = ph[i, j] * root
@@ -226,22 +226,22 @@ def forward(system, measured, start, jumps, out):  # type: ignore[no-untyped-def
         if max(var[k, 0], var[k, 1], var[k, 2], var[k, 3], var[k, 4], var[k, 5]) > 0.0:
             for a in range(live):
                 subtract_products(p, a, ph[:3], ph[:3], ph[3:], ph[3:], wide)
-        mean[0, :n] -= fed[k]
+        mean[0, :n] -= fed[k]  # the filter run subtracted this error from its state
     return total
 
 
 @njit(cache=True, nogil=True)
 def backward(system, measured, out, rows, r, info, u, uu, told, driven):  # type: ignore[no-untyped-def]
-    """Run the adjoint smoother: effect of a step of the state at each epoch on the log likelihood.
+    """Run the adjoint smoother: compute how a step of the state at each epoch affects the log likelihood.
 
     `rows` (k,) int, ascending: epochs to keep. Fills their score `r` (k, n) and information `info` (k, n, n) just
-    before the measurement. With nine columns less, fault states are left out, which is exact while they are zero. The
-    smoothed error is mean + P r with covariance P - P info P. Fills for each component the smoothing error `u` (m, 6)
-    and its variance `uu` (m, 6). The smoothed residual is var * u, with variance var - var^2 uu. Fills `told` (m, 4, c)
-    for the numbered states: smoothed error, score, diagonal of P info, and of info. Fills `driven` (m,) with the
-    trace of q (info - r r'). Sources: P. de Jong and J. Penzer, "Diagnosing shocks in time series", J. Am. Stat. Assoc.
-    93 (1998) 796-806; J. Durbin and S. J. Koopman, Time Series Analysis by State Space Methods, 2nd ed., Oxford 2012,
-    ch. 4 and 6.4.
+    before the measurement. If `r` has nine columns fewer, the fault states are omitted, which is exact while they are
+    zero. The smoothed error is mean + P r with covariance P - P info P. Fills for each component the smoothing error
+    `u` (m, 6) and its variance `uu` (m, 6). The smoothed residual is var * u, with variance var - var^2 uu. Fills
+    `told` (m, 4, c) for the states in `numbers`: smoothed error, score, diagonals of P info and of info. Fills `driven`
+    (m,) with the trace of q (info - r r'). Sources: P. de Jong and J. Penzer, "Diagnosing shocks in time series", J.
+    Am. Stat. Assoc. 93 (1998) 796-806; J. Durbin and S. J. Koopman, Time Series Analysis by State Space Methods, 2nd
+    ed., Oxford 2012, ch. 4 and 6.4.
     """
     h, q, (innovation, variance, gain, numbers, mean_told, p_told) = measured[1], system[3], out
     m, s, left, whole, n = u.shape[0], system[1].shape[2], rows.shape[0] - 1, system[2].shape[1], r.shape[1]
@@ -250,15 +250,15 @@ def backward(system, measured, out, rows, r, info, u, uu, told, driven):  # type
     p, t, f = make_rows(size, size), make_rows(NAV, size), make_rows(NAV, size)
     x, hs, ks, score = make_rows(3, size), make_rows(3, size), make_rows(3, size), make_rows(1, size)
     p9, t9, f9 = p[: NAV * blocks].reshape(blocks, NAV, size), t.reshape(1, NAV, size), f.reshape(1, NAV, size)
-    d, seen = np.zeros(max(whole, size)), np.empty(size, np.int64)  # d of navigation stays zero
+    d, seen = np.zeros(max(whole, size)), np.empty(size, np.int64)  # d of navigation errors: zero
     for k in range(m - 1, -1, -1):
-        for first in (3, 0):
+        for first in (3, 0):  # velocity, then position: the reverse of the filter's order
             u[k, first : first + 3] = uu[k, first : first + 3] = 0.0
             if max(variance[k, first], variance[k, first + 1], variance[k, first + 2]) <= 0.0:
                 continue
             x[:], count = 0.0, 0
             for c in range(3):
-                for j in range(n):  # zero where nothing was measured
+                for j in range(n):  # the gain is zero where nothing was measured
                     hs[c, j], ks[c, j] = h[k, first + c, j], gain[k, first + c, j]
                 if variance[k, first + c] <= 0.0:
                     hs[c] = 0.0
@@ -271,7 +271,7 @@ def backward(system, measured, out, rows, r, info, u, uu, told, driven):  # type
                 i = first + c
                 if variance[k, i] <= 0.0:
                     continue
-                error = innovation[k, i] / variance[k, i] - inner_product(ks, c, score, 0, wide)
+                error = innovation[k, i] / variance[k, i] - inner_product(ks, c, score, 0, wide)  # smoothing error
                 own = 1.0 / variance[k, i] + inner_product(ks, c, x, c, wide)
                 u[k, i], uu[k, i] = error, own
                 # (I - K h')' N (I - K h') + h h' / s is N - h x' - x h' with x = N K - h uu / 2
@@ -288,7 +288,7 @@ def backward(system, measured, out, rows, r, info, u, uu, told, driven):  # type
             for a in seen[:count]:
                 for j in range(n):
                     p[j, a] = p[a, j]
-        if left >= 0 and rows[left] == k:
+        if left >= 0 and rows[left] == k:  # keep score and information of this epoch
             r[left], info[left], left = score[0, :n], p[:n, :n], left - 1
         for i in range(numbers.shape[0]):
             own = numbers[i]
@@ -309,7 +309,7 @@ def backward(system, measured, out, rows, r, info, u, uu, told, driven):  # type
             for i in range(n - 6, n - 3):
                 if drift != 0.0:
                     move_drift(p, i, i - 3, d, drift, wide)
-            for i in range(NAV):  # half of the part between navigation errors, as both terms of the sum contain it
+            for i in range(NAV):  # half of the block of navigation errors, as both terms of the sum contain the block
                 propagate_back(t, i, p, i, d, 0.0, f9, short, n)
                 for j in range(n):
                     t[i, j] = 0.5 * (t[i, j] + d[j] * p[i, j])
@@ -338,7 +338,7 @@ def combine(g, info, y):  # type: ignore[no-untyped-def]
 
 @njit(cache=True, nogil=True)
 def cross(system, measured, out, info, at, g, last):  # type: ignore[no-untyped-def]
-    """Return cross information (m, d, d) of steps along `g` (n, d), d up to 9, at one epoch and each one to `last`.
+    """Return cross information (m, d, d) of steps along `g` (n, d), d up to 9, at epoch `at` and each epoch to `last`.
 
     Of epochs a < b it is g' L' info_b g if `at` is b, its transpose if `at` is a; `info` is from `backward`. L is the
     closed-loop transition from a to b, both just before the measurement. Other epochs are zero.
@@ -349,7 +349,7 @@ def cross(system, measured, out, info, at, g, last):  # type: ignore[no-untyped-
     hs, ks, nav, d = make_rows(6, wide), make_rows(6, wide), make_rows(1, wide), np.zeros(wide)
     f9, ft9 = f.reshape(1, NAV, wide), ft.reshape(of_s, NAV, 16)
     x[:size, :n] = y[:size, :n] = g.T
-    if way < 0:
+    if way < 0:  # backwards, start from g' info
         combine(g, info[at], x)
     for k in range(at, last + way, way):
         if k != at:
@@ -381,7 +381,7 @@ def cross(system, measured, out, info, at, g, last):  # type: ignore[no-untyped-
 def gains(score, info, variances, out):  # type: ignore[no-untyped-def]
     """Fill `out` (k, m) with t r' (I + t N)^-1 r - log det(I + t N), for variances t (k,).
 
-    `score` (m, d) r, `info` (m, d, d) N. A pivot of I + t N below one is rounding.
+    `score` (m, d) r, `info` (m, d, d) N. Pivots of I + t N below one, caused by rounding, are raised to one.
     """
     (m, size), a, r = score.shape, np.empty(info.shape[1:]), np.empty(info.shape[1])
     for k, number in np.ndindex(m, variances.shape[0]):

@@ -11,20 +11,20 @@ from insnav.kernels.errorstate import STATES, feed_back
 from insnav.kernels.mechanization import rotation
 
 STILL = 4.0  # a squared velocity below this multiple of its error variance may be zero, and makes no delay observable
-NOT_FINITE, NEGATIVE = 1, 2  # faults of a covariance
-LARGEST_TURN = 0.35  # of all corrections together: more than an alignment error is drift [1]
+NOT_FINITE, NEGATIVE = 1, 2  # faults of a covariance, see `fault_of`
+LARGEST_TURN = 0.35  # largest norm of the summed corrections [1]: beyond alignment errors, the sum is drift
 
 # Everything that the filter estimates, in one array (n,) that changes in place; see
-# `insnav.filter.error_model.FilterState`. A call with one array takes a tenth of the time of a call with such a tuple.
+# `insnav.filter.error_model.FilterState`. A call with one array takes a tenth of the time of a call with a tuple.
 STATE, CORRECTION, MOTION = slice(0, 10), slice(10, 22), slice(22, 28)
 CORRECTED = slice(28, 31)  # velocity corrections within `insnav.kernels.epoch.SHOWN_BY_IMU` [m/s]
-ARM, SWUNG = slice(31, 43), slice(43, 46)  # see `correct_with_arm`
+ARM, SWUNG = slice(31, 43), slice(43, 46)  # lever arm and antenna motion, see `correct_with_arm`
 TURNED = 46  # heading change by corrections since the last epoch [rad]
 BEGAN = slice(47, 49)  # horizontal velocity at the start of the span since the last epoch [m/s]
-SQUARES = slice(49, 52)  # see `insnav.kernels.epoch.beyond_linear`
+SQUARES = slice(49, 52)  # squares for second-order noise, see `insnav.kernels.epoch.beyond_linear`
 TILTED = slice(52, 56)  # sum of tilt corrections N, E [rad]; its largest square, and the squares counted [rad^2]
-FURTHER = 56  # first value of the further blocks
-# of each further block: its row in a table `places` (k, 3) of first state (-1: known), first value and number of states
+FURTHER = 56  # index of the first value of the further blocks
+# rows of a table `places` (k, 3), one per further block: first state (-1: known), first value, number of states
 DELAYED, CORRELATED, LEVER, SWINGING, LAGGED = range(5)
 DELAY, LASTING = 56, slice(57, 63)  # delay [s]; time-correlated errors of fixes [m], [m/s]
 SHAKEN, LAG = slice(63, 66), 66  # arm by which vibration moves the antenna [m]; lag of velocities behind positions [s]
@@ -41,11 +41,11 @@ def crossed(matrix, vector, row, at, out):  # type: ignore[no-untyped-def]
 
 @inner()
 def _before(c, turn, earlier):  # type: ignore[no-untyped-def]
-    """``C_nb`` (3, 3) before a small `turn` (3,) [rad], to second order."""
+    """Compute ``C_nb`` (3, 3) before a small `turn` (3,) [rad], to second order."""
     once, twice = np.zeros((3, 3)), np.zeros((3, 3))
     crossed(c, turn, 0, 0, once)
     crossed(once, turn, 0, 0, twice)
-    for i in range(3):  # element by element: sums of arrays take long to compile
+    for i in range(3):  # computed element by element: sums of arrays take long to compile
         for j in range(3):
             earlier[i, j] = c[i, j] - once[i, j] + 0.5 * twice[i, j]
 
@@ -55,10 +55,11 @@ def antenna(x, motion, older, lever, delay, lag, lla, v_n, z, h):  # type: ignor
     """Compute predicted minus measured antenna position and velocity, and their derivatives by the error states.
 
     `x` (10,): state. `motion` (6,): body rate [rad/s] and acceleration in n [m/s^2] at the time of the velocity.
-    `older` (7,): rotation since then [rad] and velocity gained by specific force [m/s], body axes, and age of the
-    velocity [s]. `lever` (3,): antenna seen from the IMU, body axes [m]. `delay`: age of the fix beyond the delay
-    in its time [s]. `lag`: further age of its velocity [s]. `lla` (3,), `v_n` (3,): measured; velocity may be ``NaN``.
-    Filled: `z` (6,), position N, E, D [m], velocity N, E, D [m/s]; `h` (6, n), whose column 21 is the delay [s].
+    `older` (7,): rotation [rad] and velocity increment by specific force [m/s] since this time, body axes, and age of
+    the velocity [s]. `lever` (3,): antenna relative to the IMU, body axes [m]. `delay`: age of the fix, beyond the
+    delay already contained in its time [s]. `lag`: further age of its velocity [s]. `lla` (3,), `v_n` (3,): measured;
+    velocity may be ``NaN``. Filled: `z` (6,), position N, E, D [m], velocity N, E, D [m/s]; `h` (6, n), whose column 21
+    is the delay [s].
     Lever arm: Groves (2013), section 14.3.1, with errors as estimate minus truth.
     """
     c, earlier, turning = np.zeros((3, 3)), np.zeros((3, 3)), np.zeros((3, 3))
@@ -72,14 +73,14 @@ def antenna(x, motion, older, lever, delay, lag, lla, v_n, z, h):  # type: ignor
             swing[i] += turning[i, j] * lever[j]
             moved[i] -= c[i, j] * older[3 + j]
     sin_lat, cos_lat = np.sin(x[0]), np.cos(x[0])
-    # velocity is relative to the rotating Earth
+    # subtract the Earth rate: velocity is relative to the rotating Earth
     en, ed = OMEGA * cos_lat, -OMEGA * sin_lat
     swing[0] += ed * arm[1]
     swing[1] += en * arm[2] - ed * arm[0]
     swing[2] -= en * arm[1]
 
     rm, rn = radii(sin_lat)
-    east = x[1] - lla[1]
+    east = x[1] - lla[1]  # longitude difference, wrapped to half a turn
     if east > np.pi:
         east -= 2.0 * np.pi
     elif east < -np.pi:
@@ -95,7 +96,7 @@ def antenna(x, motion, older, lever, delay, lag, lla, v_n, z, h):  # type: ignor
         felt[i] = swing[i] + moved[i]
     crossed(unity, arm, 0, 6, h)  # d(C l) = (C l) x phi
     crossed(unity, felt, 3, 6, h)
-    # w_hat = (w_measured - bias) / (1 + scale): d(w x l) = l x (d bias + w d scale); likewise the velocity gained
+    # w_hat = (w_measured - bias) / (1 + scale): d(w x l) = l x (d bias + w d scale); likewise the velocity increment
     crossed(earlier, lever, 3, 9, h)
     for i in range(3):
         velocity = x[3 + i] + swing[i]
@@ -113,10 +114,10 @@ def antenna(x, motion, older, lever, delay, lag, lla, v_n, z, h):  # type: ignor
 def correct_with_arm(x, correction, error, at, arm, swung):  # type: ignore[no-untyped-def]
     """Subtract an estimated error (n,) from the state, and from the lever arm, whose states begin at `at`.
 
-    `arm` (12,): the lever arm [m], then the sum of the corrections of ``C_nb``. An attitude correction is no rotation
-    and makes no lever arm observable. The position state therefore includes the lever-arm error times these
-    corrections. Earlier position measurements then keep their information on the lever arm. The same holds for the
-    antenna motion `swung` (3,) in navigation axes since the last epoch [m], and for the heading
+    `arm` (12,): the lever arm [m], then the sum of the corrections of ``C_nb``. An attitude correction is not a
+    rotation of the vehicle and must not make the lever arm observable. The position state therefore includes the
+    lever-arm error times these corrections. Earlier position measurements then keep their information on the lever arm.
+    The same holds for the antenna motion `swung` (3,) in navigation axes since the last epoch [m], and for the heading
     (observability-constrained filter: G. P. Huang, A. I. Mourikis and S. I. Roumeliotis, Int. J. Robotics Research 29
     (2010) 502-528). Exception: while the delay is unsettled, attitude corrections follow the delay, and the arm is
     observed anew.
@@ -157,14 +158,14 @@ def assess(  # type: ignore[no-untyped-def]
 
     `estimated` (n,), `p` (n, n): predicted state and covariance. `motion` (25,): body rate [rad/s] and acceleration in
     n [m/s^2] at the time of the velocity. Where turns determine the lever arm, this rate is the mean about the fix.
-    Then: vibration or noise in addition to it [rad/s]. Noise limits of the squared mean rate and addition: below them
-    no lever arm is observable [rad^2/s^2]. Recent velocity corrections [m/s]: they are no motion and give no delay.
+    Then: additional rate, vibration or noise [rad/s]. Noise limits of the squared mean and additional rate, below which
+    no lever arm is observable [rad^2/s^2]. Recent velocity corrections [m/s], which must not make a delay observable.
     Mean specific force about the fix [m/s^2], body axes. Noise limit of squared acceleration. `older` of `antenna`.
-    `own`: the fix has its own time-correlated errors. `late`: age of its velocity [s]. `jitter`: standard deviation of
-    the timestamps [s]. `share`: share of the time-correlated error in the variance of a fix [-]. `places`: see
-    `DELAYED`. Filled: `z` (6,): predicted minus measured [m], [m/s]. `h` (6, n): its derivative by the error states.
-    `r`, `s` (6, 6): covariances of measurement and innovation. `sd` (6,): standard deviation of the innovation; ``NaN``
-    without a measurement.
+    `own`: the states of time-correlated errors and of velocity lag apply to this fix. `late`: age of its velocity [s].
+    `jitter`: standard deviation of the timestamps [s]. `share`: share of the time-correlated error in the variance of a
+    fix [-]. `places`: see `DELAYED`. Filled: `z` (6,): predicted minus measured [m], [m/s]. `h` (6, n): its derivative
+    by the error states. `r`, `s` (6, 6): covariances of measurement and innovation. `sd` (6,): standard deviation of
+    the innovation; ``NaN`` without a measurement.
 
     Returns: `position`, `velocity`: NIS of each half, 3 degrees of freedom; ``NaN`` without a measurement.
     `distance`, `change`: length of the innovation of position [m] and of velocity [m/s].
@@ -173,14 +174,13 @@ def assess(  # type: ignore[no-untyped-def]
     correlated_at, lag_at = places[CORRELATED, 0] if own else -1, places[LAGGED, 0] if own else -1
     lever_at, shaken_at, lag = places[LEVER, 0], places[SWINGING, 0], estimated[LAG] - late if own else 0.0
     whole = np.zeros(6)
-    for i in range(6):  # the total rate moves the antenna
+    for i in range(6):  # the antenna moves with the total rate, mean plus vibration
         whole[i] = motion[i] + (motion[6 + i] if i < 3 and shaken_at < 0 else 0.0)
     rotated, earlier = np.zeros((3, 3)), np.zeros((3, 3))
     rotation(x, rotated.reshape(9))
     _before(rotated, motion[18:21], earlier)
-    # Noise that the velocity of this fix or the next shares with the acceleration must not determine the delay. The
-    # mean about the fix correlates with both equally, with opposite signs. Acceleration beyond noise counts (see
-    # below).
+    # Noise common to the acceleration and the velocity of this fix or the next must not determine the delay. The mean
+    # about the fix correlates with both velocities equally, with opposite signs. Only acceleration beyond noise counts.
     changing = 0.0
     for i in range(3):
         whole[3 + i] = gravity_down(np.sin(x[0]), x[2]) if i == 2 else 0.0
@@ -195,41 +195,41 @@ def assess(  # type: ignore[no-untyped-def]
         moving, unsure = moving + h[i, STATES] ** 2, unsure + STILL * p[3 + i, 3 + i]
     for i in range(3 if h.shape[1] > STATES else 0):  # a velocity within its noise must not determine the delay
         h[i, STATES] *= moving**2 / max(moving**2 + unsure**2, 1e-30)
-    if correlated_at >= 0:
+    if correlated_at >= 0:  # add the time-correlated error of the fix to its prediction
         for i in range(places[CORRELATED, 2]):
             z[i] += correlated[i]
             h[i, correlated_at + i] = 1.0
-    if lever_at >= 0:
+    if lever_at >= 0:  # derivatives by the lever arm
         for i in range(3):
             for j in range(3):
                 h[i, lever_at + j] = rotated[i, j] - arm[3 + 3 * i + j]
         # Errors in variables: a noisy rate that both predicts and multiplies the arm biases it towards zero (W. A.
-        # Fuller, Measurement Error Models, Wiley 1987, section 1.1). The mean about the fix has little of that noise
-        # (an instrumental variable, section 1.4). The remaining rate counts where it is far above noise.
+        # Fuller, Measurement Error Models, Wiley 1987, section 1.1). The mean rate about the fix contains little of
+        # this noise (an instrumental variable, section 1.4). The remaining rate counts where far above noise.
         turning = motion[0] ** 2 + motion[1] ** 2 + motion[2] ** 2
         beyond = motion[6] ** 2 + motion[7] ** 2 + motion[8] ** 2
         steady = turning**2 / max(turning**2 + motion[9] ** 2, 1e-30)
         also = beyond / max(beyond + motion[10], 1e-30) if shaken_at < 0 else 0.0
-        for i in range(3):  # element by element: products of arrays take long to compile
+        for i in range(3):  # computed element by element: products of arrays take long to compile
             whole[i] = motion[i] * steady + motion[6 + i] * also**2
         crossed(earlier, whole, 3, lever_at, h)
-    if shaken_at >= 0:
+    if shaken_at >= 0:  # velocity by vibration of the antenna
         crossed(earlier, motion[6:], 3, shaken_at, h)
         for i in range(3):
             for j in range(3):
                 z[3 + i] += h[3 + i, shaken_at + j] * shaken[j]
-    if lag_at >= 0:
+    if lag_at >= 0:  # a lag shifts the velocity in time like a delay
         for i in range(3, 6):
             h[i, lag_at] = h[i, STATES]
     for i in range(3):
         for j in range(3):
-            r[i, j] = jitter * jitter * x[3 + i] * x[3 + j]
+            r[i, j] = jitter * jitter * x[3 + i] * x[3 + j]  # timestamp jitter moves the fix along the velocity
             r[3 + i, 3 + j] = jitter * jitter * motion[3 + i] * motion[3 + j]
             r[i, 3 + j] = r[3 + i, j] = 0.0
         r[i, i] += (1.0 - share) * position_sd[row, i] ** 2
         r[3 + i, 3 + i] += velocity_sd[row, i] ** 2 if velocity_sd[row, i] > 0.0 else 1.0
     n = p.shape[0]
-    hp = np.zeros((6, n))  # most of h is zero
+    hp = np.zeros((6, n))  # h P, skipping zeros: most of h is zero
     for i in range(6):
         for k in range(n):
             by = h[i, k]
@@ -259,7 +259,7 @@ def assess(  # type: ignore[no-untyped-def]
 
 @njit(cache=True)
 def inverse(s):  # type: ignore[no-untyped-def]
-    """Inverse of a small symmetric positive definite matrix, by Cholesky's decomposition."""
+    """Invert a small symmetric positive definite matrix, by Cholesky's decomposition."""
     n = s.shape[0]
     low = np.zeros((n, n))
     for i in range(n):
@@ -268,7 +268,7 @@ def inverse(s):  # type: ignore[no-untyped-def]
             for k in range(j):
                 total -= low[i, k] * low[j, k]
             low[i, j] = np.sqrt(total) if i == j else total / low[j, j]
-    # columns of the inverse of the factor, then their products
+    # inverse of the Cholesky factor, then the product of its transpose with it
     inv = np.zeros((n, n))
     for j in range(n):
         inv[j, j] = 1.0 / low[j, j]
@@ -321,9 +321,8 @@ def vehicle_velocity(x, rate, to_vehicle, lever, speed, z, h):  # type: ignore[n
     """Compute a point's velocity in vehicle axes minus its measurement.
 
     `x`: state. `rate`: body rate [rad/s]. `to_vehicle`: rotation from IMU to vehicle axes. `lever`: point relative to
-    the IMU, body axes [m]. `speed`: measured forward speed [m/s]. The first three of ``z`` are predicted minus
-    measured: forward, right (zero), down (zero) [m/s]. The first three rows of ``h`` are their derivatives by the
-    state.
+    the IMU, body axes [m]. `speed`: measured forward speed [m/s]. ``z[:3]`` is predicted minus measured velocity:
+    forward, right (measured as zero), down (likewise) [m/s]. ``h[:3]`` is its derivative by the error states.
 
     ``z = C_vb (C_bn v + w x lever)``; with ``C_hat = (I - [phi x]) C`` the derivative by velocity is ``C_vb C_bn``, by
     attitude ``-C_vb C_bn [v x]``, by gyro bias ``C_vb [lever x]``.
@@ -354,7 +353,7 @@ def zero_velocity(x, bias, rate, z, h):  # type: ignore[no-untyped-def]
     rotation(x, c.reshape(9))
     earth = OMEGA * np.array([np.cos(x[0]), 0.0, -np.sin(x[0])])
     h[:] = 0.0
-    crossed(c.T.copy(), -earth, 3, 6, h)  # -C_bn [w_ie x]
+    crossed(c.T.copy(), -earth, 3, 6, h)  # derivative of the Earth rate by attitude: -C_bn [w_ie x]
     for i in range(3):
         z[i] = x[3 + i]
         h[i, 3 + i] = 1.0
@@ -383,7 +382,7 @@ def body_heading(x, heading, z, h):  # type: ignore[no-untyped-def]
 
 @njit(cache=True)
 def innovation(p, z, h, r, first, last, s):  # type: ignore[no-untyped-def]
-    """Compute covariance and NIS of an innovation: rows `first` to `last` - 1, white noise of variances `r`."""
+    """Compute covariance `s` and NIS of the rows `first` to `last` - 1 of an innovation, with noise variances `r`."""
     n = p.shape[0]
     m = last - first
     for i in range(m):

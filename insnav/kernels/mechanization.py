@@ -3,8 +3,8 @@
 State ``x``: latitude, longitude [rad], height [m], velocity North, East, Down [m/s], quaternion ``q_nb``. Near a pole
 North rotates arbitrarily fast. Steps there use Earth-fixed axes; the state keeps its form.
 
-The plain integrators for study join neighbouring samples by straight lines. To navigate, use
-`insnav.kernels.increments`.
+The simple methods of `increments`, for study, connect neighbouring samples by straight lines. Navigation uses
+`insnav.kernels.increments` instead.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ POLAR_CAP = 0.02  # cosine of the latitude below which Earth-fixed axes are used
 
 @inner()
 def within_turn(lon):  # type: ignore[no-untyped-def]
-    """Wrap a longitude to -pi to pi, from less than one turn outside [rad]."""
+    """Wrap a longitude [rad], at most one turn out of range, to -pi to pi."""
     if lon >= np.pi:
         return lon - TWO_PI
     return lon + TWO_PI if lon < -np.pi else lon
@@ -31,8 +31,8 @@ def within_turn(lon):  # type: ignore[no-untyped-def]
 
 @njit(cache=True)
 def quaternion_step(x, rx, ry, rz, px, py, pz):  # type: ignore[no-untyped-def]
-    """Q <- q(-r) (x) q (x) q(p): navigation frame rotated by r, body by p, both rotation vectors [rad]."""
-    # half-angle series: both rotations of one step are small, and exact to rounding below 0.6 rad; scalar parts less 1
+    """Update the quaternion q of `x` to q(-r) (x) q (x) q(p): r rotates the navigation frame, p the body [rad]."""
+    # quaternions from series in half the angle: r is tiny, and p exact to rounding below 0.6 rad; scalar parts minus 1
     r2 = 0.25 * (rx * rx + ry * ry + rz * rz)
     a0 = -0.5 * r2
     s = -0.5 * (1.0 - r2 / 6.0)
@@ -45,8 +45,8 @@ def quaternion_step(x, rx, ry, rz, px, py, pz):  # type: ignore[no-untyped-def]
         p = np.sqrt(p2)
         b0, s = np.cos(p) - 1.0, 0.5 * np.sin(p) / p
     b1, b2, b3 = s * px, s * py, s * pz
-    # The change of q is accumulated separately and added once. Several equal rounding errors per step, over hours at
-    # rest, would move the vehicle by a millimetre.
+    # Sum the change of q separately and add it once: over hours at rest, repeated rounding errors would move the
+    # vehicle by a millimetre.
     q0, q1, q2, q3 = x[6], x[7], x[8], x[9]
     c0 = q0 * b0 - q1 * b1 - q2 * b2 - q3 * b3
     c1 = q0 * b1 + q1 * b0 + q2 * b3 - q3 * b2
@@ -69,22 +69,22 @@ def polar_step(x, dt, un, ue, ud, px, py, pz, north, hold, height, v_down):  # t
 
     Notes
     -----
-    Groves (2013) section 5.3, Earth-frame equations, without transport rate and its tangent of the latitude. The end of
-    the step converts the state to North, East, Down there. Latitude and height follow the ellipsoid normal half-way,
-    with third-order errors in the angle travelled. Longitude is an arctangent. The rotation of the axes,
+    Groves (2013) section 5.3, Earth-frame equations: they have no transport rate, and thus no tangent of the latitude.
+    The end of the step converts the state to North, East, Down there. Latitude and height follow the ellipsoid normal
+    half-way, with third-order errors in the angle travelled. Longitude is an arctangent. The rotation of the axes,
     ``q_y(lat1 + pi/2) q_z(lon0 - lon1) q_y(-lat0 - pi/2)``, is expanded so that it is exactly zero at rest.
     """
     lat, lon, h = x[0], x[1], x[2]
     vn, ve, vd = x[3], x[4], x[5]
     sin_lat, cos_lat = np.sin(lat), np.cos(lat)
     rm, rn = radii(sin_lat)
-    tn, td = OMEGA * cos_lat * dt, -OMEGA * sin_lat * dt  # the Earth's rotation
+    tn, td = OMEGA * cos_lat * dt, -OMEGA * sin_lat * dt  # rotation of the Earth in this interval [rad]
     un, ue, ud = un + 0.5 * td * ue, ue - 0.5 * (td * un - tn * ud), ud - 0.5 * tn * ue
     mn = vn + 0.5 * (un + north * gravity_north(sin_lat, cos_lat, h) * dt) + td * ve
     me = ve + 0.5 * ue - (td * vn - tn * vd)
     md = vd + 0.5 * (ud + gravity_down(sin_lat, h) * dt) - tn * ve
-    # Half-way: down has leaned back by the angle travelled. The north component of gravity points along the distance
-    # from the axis, so it has an east component, too.
+    # At mid-interval, Down has tilted by the angle travelled. The north component of gravity is proportional to the
+    # vector from the Earth's axis, so it has an east part, too.
     an, ae, h_mid = 0.25 * dt * (vn + mn) / (rm + h), 0.25 * dt * (ve + me) / (rn + h), h - 0.25 * dt * (vd + md)
     g = gravity_down(sin_lat + an * cos_lat, h_mid)
     g_north = north * gravity_north(sin_lat, cos_lat - an * sin_lat, h_mid) - g * an
@@ -94,7 +94,7 @@ def polar_step(x, dt, un, ue, ud, px, py, pz, north, hold, height, v_down):  # t
     v1d = vd + ud + g * dt - 2.0 * tn * me
     dn, de, dd = 0.5 * dt * (vn + v1n), 0.5 * dt * (ve + v1e), 0.5 * dt * (vd + v1d)
 
-    rho = (rn + h) * cos_lat  # distance from the axis
+    rho = (rn + h) * cos_lat  # distance from the Earth's axis [m]
     out, along = -sin_lat * dn - cos_lat * dd, cos_lat * dn - sin_lat * dd
     turn = np.arctan2(de, rho + out)
     out = ((2.0 * rho + out) * out + de * de) / (rho + np.sqrt((rho + out) * (rho + out) + de * de))
@@ -103,7 +103,7 @@ def polar_step(x, dt, un, ue, ud, px, py, pz, north, hold, height, v_down):  # t
     rm, rn = radii(sin_mid)
     up = cos_mid * out + sin_mid * along
     rise = (cos_mid * along - sin_mid * out) / (rm + h + 0.5 * up)
-    rise *= 1.0 + rise * rise / 24.0  # the chord to the arc
+    rise *= 1.0 + rise * rise / 24.0  # convert the chord to the arc
     x[0] = min(max(lat + rise, -HALF_PI), HALF_PI)
     x[1] = within_turn(lon + turn)
 
@@ -111,7 +111,7 @@ def polar_step(x, dt, un, ue, ud, px, py, pz, north, hold, height, v_down):  # t
     c, s = np.cos(0.5 * turn), np.sin(0.5 * turn)
     a0, a1, a2, a3 = c * np.cos(0.5 * rise), -s * cos_mid, c * np.sin(0.5 * rise), s * sin_mid
     wn, we, wd = turned(a0, a1, a2, a3, v1n, v1e, v1d)
-    x[2] = height if hold else h + up
+    x[2] = height if hold else h + up  # with `hold`, the vertical channel follows the given height
     x[3], x[4], x[5] = v1n + wn, v1e + we, v_down if hold else v1d + wd
     q0, q1, q2, q3 = x[6], x[7], x[8], x[9]
     q0, q1, q2, q3 = (
@@ -127,7 +127,7 @@ def polar_step(x, dt, un, ue, ud, px, py, pz, north, hold, height, v_down):  # t
 
 @njit(cache=True)
 def rotation(x, c):  # type: ignore[no-untyped-def]
-    """Compute ``C_nb`` of the state, row by row (9,)."""
+    """Compute ``C_nb`` of the state `x` (10,) into `c` (9,), row by row."""
     q0, q1, q2, q3 = x[6], x[7], x[8], x[9]
     c[0] = q0 * q0 + q1 * q1 - q2 * q2 - q3 * q3
     c[1] = 2.0 * (q1 * q2 - q0 * q3)
@@ -161,7 +161,7 @@ def step(x, dt, tx, ty, tz, vx, vy, vz, coning, sculling, k, c, north, hold, hei
     rotation(x, c)
     f1, f2 = turn_factors(tx * tx + ty * ty + tz * tz)
     kx, ky, kz = ty * vz - tz * vy, tz * vx - tx * vz, tx * vy - ty * vx
-    bx = vx + f1 * kx + f2 * (ty * kz - tz * ky) + sx
+    bx = vx + f1 * kx + f2 * (ty * kz - tz * ky) + sx  # velocity increment in axes at the start of the interval
     by = vy + f1 * ky + f2 * (tz * kx - tx * kz) + sy
     bz = vz + f1 * kz + f2 * (tx * ky - ty * kx) + sz
     un = c[0] * bx + c[1] * by + c[2] * bz
@@ -175,9 +175,9 @@ def step(x, dt, tx, ty, tz, vx, vy, vz, coning, sculling, k, c, north, hold, hei
         return polar_step(x, dt, un, ue, ud, px, py, pz, north, hold, height, v_down)
     g = gravity_down(sin_lat, h)
     rm, rn = radii(sin_lat)
-    # Extrapolation to mid-interval needs every velocity change. Without Earth rotation of u, the error is 1e-7 m/s at
-    # 50 Hz. Through the transport rate it moves a vehicle at rest by a millimetre in 4 h. Without Coriolis, 0.03 m/s^2
-    # at 250 m/s gives metres after an hour.
+    # Extrapolate the velocity to mid-interval with every change. Without Earth rotation of u, it is wrong by 1e-7 m/s
+    # at 50 Hz: a vehicle at rest moves by 1 mm in 4 h. Without Coriolis acceleration, 0.03 m/s^2 at 250 m/s, the error
+    # is metres after an hour.
     en, ed = OMEGA * cos_lat, -OMEGA * sin_lat
     north_by, east_by = 1.0 / (rm + h), 1.0 / (rn + h)
     wn, we = ve * east_by, -vn * north_by
@@ -190,7 +190,7 @@ def step(x, dt, tx, ty, tz, vx, vy, vz, coning, sculling, k, c, north, hold, hei
     md = vd + 0.5 * (ud - zn * ue + ze * un + (g - kn * ve + ke * vn) * dt)
     if hold:
         md = 0.5 * (vd + v_down)
-    # latitude half-way: the change of the sine and cosine over half a step is far below their second-order term
+    # sine and cosine of the latitude at mid-interval, to first order: the change over half a step is tiny
     half = 0.5 * dt * mn * north_by
     sin_mid, cos_mid = sin_lat + half * cos_lat, cos_lat - half * sin_lat
     h_mid = h - 0.5 * dt * md
@@ -236,7 +236,7 @@ EULER, ROTVEC, RK4 = 0, 1, 2
 
 @inner()
 def _line(instant, k, dt, values, channel):  # type: ignore[no-untyped-def]
-    """Compute integrand times interval at the start, middle and end of interval k, samples joined by straight lines.
+    """Compute integrand times interval at start, middle and end of interval k, from straight lines between samples.
 
     An instantaneous sample is the value at the end of its interval. A mean or an increment is the value at the middle.
     """
@@ -262,7 +262,7 @@ def _forward(q0, q1, q2, q3, x, y, z):  # type: ignore[no-untyped-def]
 
 @inner()
 def _runge_kutta(xb, yb, zb, xm, ym, zm, xe, ye, ze, fb, gb, hb, fm, gm, hm, fe, ge, he):  # type: ignore[no-untyped-def]
-    """Classical fourth-order step of quaternion and velocity together (Hairer, Norsett, Wanner 1993, section II.1)."""
+    """Advance quaternion and velocity by the Runge-Kutta method (Hairer, Norsett, Wanner 1993, section II.1)."""
     a0, a1, a2, a3 = quaternion_rate(1.0, 0.0, 0.0, 0.0, xb, yb, zb)
     p0, p1, p2, p3 = 1.0 + 0.5 * a0, 0.5 * a1, 0.5 * a2, 0.5 * a3
     b0, b1, b2, b3 = quaternion_rate(p0, p1, p2, p3, xm, ym, zm)
@@ -286,14 +286,14 @@ def _runge_kutta(xb, yb, zb, xm, ym, zm, xe, ye, ze, fb, gb, hb, fm, gm, hm, fe,
 
 @njit(cache=True)
 def increments(method, instant, dt, gyro, accel, dtheta, dvel, coning, sculling):  # type: ignore[no-untyped-def]
-    """Compute increments of whole intervals by a plain method; form of `insnav.kernels.increments.increments`.
+    """Compute increments of whole intervals by a simple method, like `insnav.kernels.increments.increments`.
 
     `method`: `EULER`: constant rate, from the start of the interval or its mean; attitude and specific force are not
     rotated within it. `ROTVEC`: the mean rate is the rotation vector. `RK4`: Runge-Kutta on straight lines between
-    samples. Other arguments: see there.
+    samples. Other arguments: as in `insnav.kernels.increments.increments`.
     """
     for k in range(dt.shape[0]):
-        if dt[k] == 0.0:  # the first instantaneous value ends no interval
+        if dt[k] == 0.0:  # before the first instantaneous sample there is no interval
             for i in range(3):
                 dtheta[k, i] = dvel[k, i] = coning[k, i] = sculling[k, i] = 0.0
             continue
@@ -324,7 +324,7 @@ def increments(method, instant, dt, gyro, accel, dtheta, dvel, coning, sculling)
         sine = np.sqrt(q1 * q1 + q2 * q2 + q3 * q3)
         stretch = 2.0 * np.arctan2(sine, q0) / sine if sine > 1e-9 else 2.0 / q0
         coning[k, 0], coning[k, 1], coning[k, 2] = stretch * q1 - tx, stretch * q2 - ty, stretch * q3 - tz
-        # the effect of a constant rate on the velocity increment is not sculling
+        # subtract the effect of a constant rate on the velocity increment, which is not sculling
         f1, f2 = turn_factors(tx * tx + ty * ty + tz * tz)
         kx, ky, kz = ty * vz - tz * vy, tz * vx - tx * vz, tx * vy - ty * vx
         sculling[k, 0] = ux - vx - f1 * kx - f2 * (ty * kz - tz * ky)
@@ -334,12 +334,12 @@ def increments(method, instant, dt, gyro, accel, dtheta, dvel, coning, sculling)
 
 @njit(cache=True)
 def navigate(x, turning, dt, dtheta, dvel, coning, every, out):  # type: ignore[no-untyped-def]
-    """Mechanize a record; store the state after each `every`-th interval in the rows of `out`.
+    """Mechanize a record by the short-duration form; store the state after each `every`-th interval in `out`.
 
     `x` (10,): state as in `insnav.kernels.mechanization`, changed in place. `turning`: the attitude follows the
     rotation of North, East, Down, as in the full form. `dt` (n,): intervals [s]. `dtheta`, `dvel`, `coning` (n, 3):
-    measured angle [rad] and velocity [m/s] increments, and coning [rad]; the form neglects sculling. `every`:
-    decimation. `out` (n // every, 10).
+    measured angle [rad] and velocity [m/s] increments, and coning [rad]; the short-duration form neglects sculling.
+    `out` (n // every, 10).
     """
     for k in range(dt.shape[0]):
         lat, lon, h, vn, ve, vd = x[0], x[1], x[2], x[3], x[4], x[5]

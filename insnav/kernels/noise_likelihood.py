@@ -1,4 +1,4 @@
-"""Likelihood of filter innovations under noise other than in the run, without integrating again.
+"""Likelihood of filter innovations for noise parameters other than the run's, without repeating the run.
 
 A filter has run once; its epochs store transition, measurement and feedback. The error of that nominal run is a linear
 system, with noise linear in its spectral densities. Any set of densities thus costs one pass of covariance algebra over
@@ -20,15 +20,15 @@ from insnav.kernels.epoch import beyond_linear, count_tilt
 from insnav.kernels.errorstate import SENSOR, STATES
 from insnav.kernels.smoother import COAST, CORRECTION, JACOBIAN, KIND, NOISE, RESIDUAL, RESTART, STATE, TIME
 
-OPENED = 15  # states that a reset opens: navigation errors and biases
-MOST = 40  # states; a filter has up to 35. Compilers prefer rows of known length
+OPENED = 15  # states to which a reset adds variance: navigation errors and biases
+MOST = 40  # length of rows; a filter has up to 35 states. A constant length compiles to faster code
 
 
 def _white(phi: np.ndarray, span: np.ndarray, column: int) -> np.ndarray:
-    """Noise at the end of spans from unit isotropic white noise on three states from `column` on, (m, 9, 9).
+    """Compute the covariance at the end of each span by unit white noise on three states from `column` on, (m, 9, 9).
 
-    Noise injected at s propagates over the rest of the span. The blocks of the transition grow as powers of the rest:
-    attitude to velocity and velocity to position linearly, attitude to position quadratically.
+    Noise propagates over the time from its occurrence to the end of the span. The blocks of the transition grow as
+    powers of this time: attitude to velocity and velocity to position linearly, attitude to position quadratically.
     """
     injected = phi[:, :, column : column + 3]
     power = np.repeat([column // 3 - a if a <= column // 3 else 1 for a in range(3)], 3)
@@ -37,7 +37,7 @@ def _white(phi: np.ndarray, span: np.ndarray, column: int) -> np.ndarray:
 
 
 def held(transition: np.ndarray) -> np.ndarray:
-    """Find, in transitions (m, 9, 21), the epochs of a long rest, where the filter ignores the gyros' rotation."""
+    """Find, in transitions (m, 9, 21), the epochs of a long stationary period, where the filter ignores the gyros."""
     return np.asarray((transition[:, 6:9, 9:12] == 0.0).all(axis=(1, 2)))
 
 
@@ -47,15 +47,15 @@ def tape(
     """Extract from the history of a run the input of the innovation likelihood.
 
     `history` (m, width(n)): epochs, see `insnav.kernels.smoother`. `noise` (20,): spectral densities of the run, see
-    `insnav.kernels.errorstate`. `bridged` (m,): a data gap was bridged before the epoch. `rounding`: of gyros,
-    times of changes, variances before and after (3,).
+    `insnav.kernels.errorstate`. `bridged` (m,): a data gap was bridged before the epoch. `rounding`: changes of the
+    gyros' rounding error: time [s], variance before and after (3,).
     Returns, for each epoch: time since the previous epoch [s]. Kind, as in the history. Transition (9, 21). Noise of
     unit density of gyros and accelerometers (2, 9, 9), and the factor for misalignment of one rad^2 s (2,). Variance
     added to velocity and attitude by bridging or sway at rest, then the squares for second-order noise, see
     `beyond_linear` of `insnav.kernels.epoch` (9,). Measurement (6,), predicted minus measured, and derivative (6, n).
-    Error that the run subtracted from its state (n,). Sensor errors before and after that (2, 12). Variances added to
-    position, velocity, attitude and biases by an explicit reset (15,), else zero. Variances of the rounding errors of
-    gyros before and after a change (2, 3), else NaN.
+    Error that the run subtracted from its state (n,). Sensor errors before and after this subtraction (2, 12).
+    Variances added to position, velocity, attitude and biases by an explicit reset (15,), else zero. Variances of the
+    rounding errors of gyros before and after a change (2, 3), else NaN.
     """
     m, kind, time = history.shape[0], history[:, KIND].astype(np.int64), history[:, TIME]
     span = np.diff(time, prepend=time[:1])
@@ -66,23 +66,23 @@ def tape(
     before = np.empty((m, n, n))
     rows, columns = np.tril_indices(n)
     before[:, rows, columns] = before[:, columns, rows] = covariance
-    measured = (kind > COAST)[:, None]
+    measured = (kind > COAST)[:, None]  # epochs with a measurement
     h = np.where(measured[:, :, None], jacobian.reshape(m, 6, n), 0.0)
-    used = measured & (kind[:, None] >> np.arange(6) & 1 > 0)
+    used = measured & (kind[:, None] >> np.arange(6) & 1 > 0)  # (m, 6) components that the run used
     z = np.where(used, history[:, RESIDUAL : RESIDUAL + 6], 0.0)
     of_used = np.where(used[:, :, None], h, 0.0)
     hp = of_used @ before
-    both = used[:, :, None] & used[:, None]
+    both = used[:, :, None] & used[:, None]  # pairs of used components
     noise_of = np.where(both, history[:, NOISE : NOISE + 36].reshape(m, 6, 6), np.eye(6))
-    s = hp @ np.swapaxes(of_used, 1, 2) + noise_of
+    s = hp @ np.swapaxes(of_used, 1, 2) + noise_of  # innovation covariance
     gain = np.linalg.inv(s) @ hp
-    reduction = np.swapaxes(gain[:, :, :STATES], 1, 2) @ hp[:, :, :STATES]
-    after = np.roll(before[:, :STATES, :STATES] - reduction, 1, axis=0)  # previous epoch
+    reduction = np.swapaxes(gain[:, :, :STATES], 1, 2) @ hp[:, :, :STATES]  # of the covariance
+    after = np.roll(before[:, :STATES, :STATES] - reduction, 1, axis=0)  # covariance after the previous epoch
     gyro, accel = _white(phi, span, 6), _white(phi, span, 3)
-    still = held(phi)
+    still = held(phi)  # in a long stationary period, the filter ignores the gyros
     gyro[still] = 0.0
     by_gyro, own = (np.diagonal(each, axis1=1, axis2=2) for each in (gyro, before))
-    # the rest beyond white and driving noise comes from misalignment, a bridged gap or a stationary period
+    # noise beyond white and driving noise comes from misalignment, a bridged gap or a stationary period
     rest = own[:, :NAV] - noise[0] * by_gyro - noise[3] * np.diagonal(accel, axis1=1, axis2=2)
     rest -= np.sum(phi @ after * phi, axis=2)
     fed, state = np.einsum("mi,mij->mj", z, gain), history[:, STATE : STATE + 10]
@@ -136,17 +136,17 @@ def innovations(  # type: ignore[no-untyped-def]
     `lasting`: first state of the time-correlated errors of position, or of position and velocity; negative without.
     `lasting_sd` (k,) [m, m/s], `lasting_time` (k,) [s].
     `variance` (m, 6): white noise of the measurements. `start`: mean (n,) and covariance (n, n) of the error of the
-    nominal run. `push` (k, m, 9): known error that each span adds to position, velocity and attitude, then k - 1 for
-    derivatives only. Overwritten by the mean errors at the end of each epoch and their derivatives. `limit`:
+    nominal run. `push` (k, m, 9): known error that each span adds to position, velocity and attitude, then k - 1
+    derivatives of it. Overwritten by the mean errors at the end of each epoch and their derivatives. `limit`:
     innovations beyond this many standard deviations are de-weighted (Huber). `out` (k + 1, 6 m): filled with innovation
-    and variance of every used component, conditional on the components before it, and derivatives of the innovation.
-    Returns: number of components.
+    and variance of every used component, conditional on earlier components, and derivatives of the innovation. Returns:
+    number of components.
     """
     span, kind, phi, white, share, bridge, z, h, fed, correction, restart, drawn = run
     each, n = push.shape[0], start[0].shape[0]
     means = np.zeros((each, n))
     mean = means[0]
-    wide = 8 * ((n + 7) // 8)  # whole registers, two at a time, padded with zeros
+    wide = 8 * ((n + 7) // 8)  # columns, padded with zeros to whole vector registers
     p, work = np.zeros((wide, MOST)), np.zeros((19, MOST))
     w, ph, moved = work[:9], work[9:15], work[15]
     fade, last, inverse = work[16], work[17], work[18]
@@ -156,11 +156,11 @@ def innovations(  # type: ignore[no-untyped-def]
             p[i, j] = start[1][i, j]
     lasts = lasting_sd.shape[0] if lasting > 0 else 0
     usual, count = -1.0, 0
-    bias, bias_variance = np.zeros((each, 3)), np.ones(3)  # without rounding errors, at their last change
+    bias, bias_variance = np.zeros((each, 3)), np.ones(3)  # gyro biases without rounding error, at its last change
     for k in range(span.shape[0]):
         dt = span[k]
         if dt > 0.0:
-            if abs(dt - usual) > 1e-9:
+            if abs(dt - usual) > 1e-9:  # decay factors for another time step
                 usual = dt
                 for j in range(SENSOR):
                     fade[NAV + j] = np.exp(-dt * decay[j])
@@ -171,7 +171,7 @@ def innovations(  # type: ignore[no-untyped-def]
             gyro = density[0] + density[2] * share[k, 0]
             accel = density[1] + density[3] * share[k, 1]
             for i in range(NAV):
-                for j in range(wide):  # vectorised over columns
+                for j in range(wide):  # this loop over columns vectorises
                     total = 0.0
                     for a in range(STATES):
                         total += phi[k, i, a] * p[a, j]
@@ -191,15 +191,15 @@ def innovations(  # type: ignore[no-untyped-def]
                         total += w[i, a] * phi[k, j, a]
                     p[i, j] = p[j, i] = total
             for i in range(6):
-                p[3 + i, 3 + i] += bridge[k, i] + (second if i < 2 else 0.0)
+                p[3 + i, 3 + i] += bridge[k, i] + (second if i < 2 else 0.0)  # bridged gaps and second-order terms
             for i in range(NAV, n):
                 by = fade[i]
-                for j in range(8, wide):  # whole registers: column 8, a navigation error, is overwritten below
+                for j in range(8, wide):  # from 8, for whole registers; column 8 is overwritten below
                     p[i, j] *= by * fade[j]
             for i in range(NAV):
                 for j in range(NAV, wide):
                     p[i, j] = w[i, j] * fade[j]
-                # sensor-error noise enters the navigation errors with a delay of half a span
+                # noise of sensor errors acts on the navigation errors for half the span on average
                 for j in range(SENSOR):
                     p[i, NAV + j] += 0.5 * dt * driving[j] * phi[k, i, NAV + j]
             for j in range(NAV, n):
@@ -210,12 +210,12 @@ def innovations(  # type: ignore[no-untyped-def]
                     means[c, j] *= fade[j]
             for j in range(SENSOR):
                 p[NAV + j, NAV + j] += dt * driving[j] + (shown if 3 <= j < 6 else 0.0)
-                # the nominal run has changed its correction in its own way
+                # the error is relative to the nominal run, which changed its own correction over the span
                 mean[NAV + j] = fade[NAV + j] * (mean[NAV + j] - last[j]) + correction[k, 0, j]
             for j in range(3):
                 bias_variance[j] += dt * driving[j]
                 before, state = drawn[k, 0, j], NAV + j
-                if np.isnan(before):
+                if np.isnan(before):  # no change of the rounding error at this epoch
                     continue
                 by = bias_variance[j] / (bias_variance[j] + before)  # see `insnav.filter.estimate.Estimate`
                 mean[state] -= correction[k, 0, j]
@@ -232,7 +232,7 @@ def innovations(  # type: ignore[no-untyped-def]
                 at = lasting + j
                 p[at, at] += (1.0 - fade[at] ** 2) * lasting_sd[j] ** 2
                 mean[at] *= fade[at]
-        if kind[k] == RESTART:
+        if kind[k] == RESTART:  # explicit reset: clear position and velocity, add variance
             for i in range(n):
                 if i < 6 or 0 <= i - lasting < lasts:
                     means[:, i] = 0.0
@@ -245,7 +245,7 @@ def innovations(  # type: ignore[no-untyped-def]
                 p[at, at] = own
                 p[j, j] = max(p[j, j], 1.0001 * own)
                 p[j, at] = p[at, j] = -own
-        elif kind[k] > COAST:
+        elif kind[k] > COAST:  # measurement: process its components one after the other
             used = 0
             for i in range(6):
                 if not kind[k] & (1 << i):
@@ -259,7 +259,7 @@ def innovations(  # type: ignore[no-untyped-def]
                         error -= by * mean[a]
                         for j in range(wide):
                             ph[used, j] += by * p[a, j]
-                for b in range(used):  # subtract the information of the components before
+                for b in range(used):  # subtract the information of earlier components
                     by = 0.0
                     for a in range(n):
                         by += h[k, i, a] * ph[b, a]
@@ -271,7 +271,7 @@ def innovations(  # type: ignore[no-untyped-def]
                 out[0, count], out[1, count] = error, s
                 far = abs(error) / np.sqrt(s)
                 if far > limit:
-                    s *= far / limit
+                    s *= far / limit  # Huber's weight: a larger variance
                 inverse[used] = 1.0 / s
                 for a in range(n):
                     mean[a] += error / s * ph[used, a]
@@ -280,7 +280,7 @@ def innovations(  # type: ignore[no-untyped-def]
                     for a in range(n):
                         error -= h[k, i, a] * means[c, a]
                     out[1 + c, count] = error
-                    if far <= limit:  # beyond, the influence is constant
+                    if far <= limit:  # beyond the limit, the influence is constant (Huber)
                         for a in range(n):
                             means[c, a] += error / s * ph[used, a]
                 used += 1
@@ -293,7 +293,7 @@ def innovations(  # type: ignore[no-untyped-def]
                     for j in range(wide):
                         p[a, j] -= g0 * ph[b, j] + g1 * ph[b + 1, j] + g2 * ph[b + 2, j]
             for a in range(n):
-                mean[a] -= fed[k, a]
+                mean[a] -= fed[k, a]  # the run subtracted this error from its state
         for c in range(each):
             for i in range(NAV):
                 push[c, k, i] = means[c, i]

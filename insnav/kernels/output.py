@@ -12,9 +12,9 @@ TWO_PI = 2.0 * np.pi
 
 @njit(cache=True)
 def sides(state, opposite, adjacent):  # type: ignore[no-untyped-def]
-    """Compute the sides (n, 3) of the triangles whose angles are roll, pitch, heading of states (n, 10).
+    """Fill `opposite` and `adjacent` (n, 3), whose ``arctan2`` is roll, pitch and heading of each state (n, 10).
 
-    Groves (2013), eq. 2.25. The caller takes the arctangent with numpy, of many values at once.
+    Groves (2013), eq. 2.25. The caller computes all arctangents at once with numpy.
     """
     for k in range(state.shape[0]):
         a, b, c, d = state[k, 6], state[k, 7], state[k, 8], state[k, 9]
@@ -26,9 +26,10 @@ def sides(state, opposite, adjacent):  # type: ignore[no-untyped-def]
 
 @njit(cache=True)
 def moved(state, motion, delay_sd, out):  # type: ignore[no-untyped-def]
-    """Compute the effect of the clock error on velocity and attitude of a state (10,), motion (6,), in `out` (9,).
+    """Compute the change of velocity and attitude by the sd of the delay, in `out` (9,), at a state (10,).
 
-    The velocity and attitude errors are almost independent of it: IMU samples use their own time.
+    `motion` (6,): body rate [rad/s] and acceleration in n [m/s^2]. The filter's velocity and attitude errors are almost
+    independent of the delay error, as they refer to IMU time.
     """
     for i in range(3):
         out[i], out[3 + i] = 0.0, -delay_sd * motion[3 + i]
@@ -39,7 +40,7 @@ def moved(state, motion, delay_sd, out):  # type: ignore[no-untyped-def]
 
 @njit(cache=True)
 def add_moved(state, rows, motion, delay_sd, variance):  # type: ignore[no-untyped-def]
-    """Add the variances from `moved` at `rows` (m,) of the states to their `variance` (m, 12); `motion` (m, 6)."""
+    """Add the squared changes from `moved` to `variance` (m, 12) of the states at `rows` (m,); `motion` (m, 6)."""
     by = np.zeros(9)
     for m in range(rows.shape[0]):
         moved(state[rows[m]], motion[m], delay_sd, by)
@@ -54,8 +55,8 @@ def add_moved(state, rows, motion, delay_sd, variance):  # type: ignore[no-untyp
 def deviations(time, known, variance, axes_sd, rph, sd):  # type: ignore[no-untyped-def]
     """Compute standard deviations from variances; wrap headings to one turn.
 
-    ``C_hat = (I - [phi x]) C`` turns the estimate by ``-phi`` about n; its parts along the axes of roll, pitch and
-    heading follow from their rates (Groves 2013, eq. 2.58).
+    ``C_hat = (I - [phi x]) C`` rotates the estimate by ``-phi`` in axes n. Errors of roll, pitch and heading follow
+    from this rotation as Euler angle rates follow from an angular rate (Groves 2013, eq. 2.58).
 
     `time` (n,) [s]. `known` (m,): rows with known `variance` (m, 12), in order, see
     `insnav.kernels.errorstate.variances`. `axes_sd` (3,): attitude sd common to all rows [rad]. `rph` (n, 3) roll,
@@ -78,7 +79,7 @@ def deviations(time, known, variance, axes_sd, rph, sd):  # type: ignore[no-unty
         before[7], now[7] = now[7], np.sqrt(max(pitch, 0.0) + axes_sd[1] * axes_sd[1])
         before[8], now[8] = now[8], np.sqrt(max(heading, 0.0) + axes_sd[2] * axes_sd[2])
         for k in range(last + 1, row + 1):
-            share = (time[k] - time[last]) / (time[row] - time[last]) if last >= 0 else 1.0
+            share = (time[k] - time[last]) / (time[row] - time[last]) if last >= 0 else 1.0  # sd is linear in time
             for j in range(9):
                 sd[k, j] = before[j] + share * (now[j] - before[j])
         last = row
@@ -88,15 +89,15 @@ def deviations(time, known, variance, axes_sd, rph, sd):  # type: ignore[no-unty
     for k in range(n):
         if rph[k, 2] < 0.0:
             rph[k, 2] += TWO_PI
-        if rph[k, 2] >= TWO_PI:  # a tiny negative angle rounds up to it
+        if rph[k, 2] >= TWO_PI:  # a tiny negative angle plus one turn rounds to one turn
             rph[k, 2] = 0.0
 
 
-WIDEST = 26  # bytes of a cell including its separator
-LARGEST = 1e10  # from here on, and below `SMALLEST`, the shortest text has an exponent
+WIDEST = 26  # largest number of bytes of a cell, including its separator
+LARGEST = 1e10  # the shortest text of larger numbers, and of numbers below `SMALLEST`, has an exponent
 SMALLEST = 1e-6
-_EXACT = 1e15  # up to 15 digits: no two such decimals are the same double
-_PAIRS = np.frombuffer(b"".join(b"%02d" % i for i in range(100)), np.uint8).copy()  # all numbers of two digits
+_EXACT = 1e15  # decimal numbers of up to 15 digits all differ as doubles
+_PAIRS = np.frombuffer(b"".join(b"%02d" % i for i in range(100)), np.uint8).copy()  # digits of 00 to 99
 
 
 @njit(cache=True)
@@ -107,7 +108,7 @@ def rows_as_text(values, scale, places, out):  # type: ignore[no-untyped-def]
     per number.
     Returns: number of bytes; -1 if a number needs an exponent or more digits.
     """
-    at, one = np.uint64(0), np.uint64(1)  # unsigned indices need no check for counting from the end
+    at, one = np.uint64(0), np.uint64(1)  # unsigned indices need no test for negative values
     ten, hundred, myriad = np.uint64(10), np.uint32(100), np.uint64(10000)
     for row in range(values.shape[1]):
         for column in range(values.shape[0]):
@@ -118,30 +119,30 @@ def rows_as_text(values, scale, places, out):  # type: ignore[no-untyped-def]
                 if size >= min(_EXACT, LARGEST * scale[column]) or 0.0 < size < SMALLEST * scale[column]:
                     return -1
                 if parts < 0.0:
-                    out[at] = 45
+                    out[at] = 45  # minus sign
                     at += one
                 number, each = np.uint64(np.int64(size)), np.uint64(np.int64(scale[column]))  # signed: one instruction
-                whole = np.uint64(np.int64(size / scale[column]))  # exact: both are integers below 2^53
+                whole = np.uint64(np.int64(size / scale[column]))  # exact, as both are integers below 2^53
                 rest = number - whole * each
                 count, limit = one, ten
-                while whole >= limit:
+                while whole >= limit:  # count the digits
                     count += one
                     limit *= ten
                 at += count
                 i = at
-                while whole >= ten:
+                while whole >= ten:  # write digits from the last
                     i -= one
                     tenth = whole // ten
                     out[i] = np.uint8(48) + np.uint8(whole - tenth * ten)
                     whole = tenth
                 out[i - one] = np.uint8(48) + np.uint8(whole)
                 if rest > 0:
-                    out[at] = 46
+                    out[at] = 46  # decimal point
                     odd = places[column] & one
                     if odd:
                         rest *= ten
                     i = at + places[column] - one + odd
-                    while i > at + one + one:  # four digits at a time
+                    while i > at + one + one:  # write four digits at a time
                         left = rest // myriad
                         four = np.uint32(rest - left * myriad)
                         two = four // hundred
@@ -153,10 +154,10 @@ def rows_as_text(values, scale, places, out):  # type: ignore[no-untyped-def]
                     if i > at:
                         out[i], out[i + one] = _PAIRS[rest + rest], _PAIRS[rest + rest + one]
                     at += places[column]
-                    while out[at] == 48:
+                    while out[at] == 48:  # drop trailing zeros
                         at -= one
                     at += one
-            out[at] = 44
+            out[at] = 44  # comma
             at += one
-        out[at - one] = 10
+        out[at - one] = 10  # line feed
     return np.int64(at)

@@ -15,12 +15,12 @@ from insnav.kernels.dynamics import NAV
 from insnav.kernels.errorstate import SENSOR, STATES, at_fix_time, feed_back, less_sure
 from insnav.kernels.measurements import inverse
 
-# columns of a row of the history
+# first column of each quantity in a row of the history
 TIME, KIND, SOURCE, STATE, CORRECTION, ARM, RESIDUAL, NOISE = 0, 1, 2, 3, 13, 25, 37, 43
 JACOBIAN = NOISE + 36
-COAST, RESTART = 0, -1  # kinds; otherwise one bit for each used row of the measurement
-POSITION, VELOCITY = 7, 56
-FIX, AIDING = 1, 2  # sources of a measurement
+COAST, RESTART = 0, -1  # values of `KIND` without a measurement; otherwise one bit for each used row
+POSITION, VELOCITY = 7, 56  # bits of `KIND` for the three rows of position and of velocity
+FIX, AIDING = 1, 2  # values of `SOURCE`
 
 
 def width(n: int) -> int:
@@ -82,9 +82,9 @@ def keep_measurement(row, kind, source, z, h, r):  # type: ignore[no-untyped-def
 def _used(row, n, p, z, h, hp, chosen):  # type: ignore[no-untyped-def]
     """Select the used rows of a measurement: ``z``, ``H`` and ``H P``; return the inverse of ``H P H' + R``.
 
-    `row` (width(n),). `p` (n, n): covariance before it; filled from the front: `z` (6,), `h`, `hp` (6, n).
-    `chosen` (6,): work space.
-    Returns: inverse (m, m), of no rows at an epoch without a measurement.
+    `row` (width(n),). `p` (n, n): covariance before the measurement. Filled from the first row on: `z` (6,), `h`, `hp`
+    (6, n). `chosen` (6,): work space.
+    Returns: inverse (m, m) for m used rows; m is 0 without a measurement.
     """
     m, kind = 0, int(row[KIND])
     for i in range(6):
@@ -154,11 +154,11 @@ def backward(  # type: ignore[no-untyped-def]
                 at += 1
         s = _used(row, n, p, z, h, hp, pull)
         m = s.shape[0]
-        # (I - K H)' on the adjoint, where K = P H' S^-1, and H' S^-1 z to it
+        # adjoint before the measurement: (I - K H)' adjoint + H' S^-1 z, with the gain K = P H' S^-1
         for i in range(m):
             pull[i] = 0.0
             for j in range(n):
-                weight[i, j] = 0.0  # S^-1 H
+                weight[i, j] = 0.0  # row i of S^-1 H
                 for a in range(m):
                     weight[i, j] += s[i, a] * h[a, j]
                 pull[i] += hp[i, j] * adjoint[j]
@@ -196,7 +196,7 @@ def backward(  # type: ignore[no-untyped-def]
             moved[i] = 0.0  # error before the measurement
             for j in range(n):
                 moved[i] += p[i, j] * adjoint[j]
-        for i in range(rows):  # select the required states of the smoother's result
+        for i in range(rows):  # smoothed covariance, only the required elements
             for j in range(i + 1):
                 if j == i or (j < NAV and not NAV <= i < STATES):
                     kept[i, j] = p[i, j]
@@ -249,7 +249,7 @@ def _past(row, n, adjoint, information, part, moved):  # type: ignore[no-untyped
 
 @inner()
 def _compare(row, n, p, information, error, hp, by, out):  # type: ignore[no-untyped-def]
-    """Compare the innovation of a fix, accepted or not, with filter and smoother; `hp`, `by` (6, n): work space."""
+    """Compute a fix's innovation and variance by filter and smoother; `hp`, `by` (6, n): work space."""
     if row[SOURCE] != FIX:
         for i in range(25):
             out[i] = np.nan
@@ -262,7 +262,7 @@ def _compare(row, n, p, information, error, hp, by, out):  # type: ignore[no-unt
             if share != 0.0:
                 for j in range(n):
                     hp[i, j] += share * p[a, j]
-    _product(hp, information, hp.shape[0], by)  # a constant size would compile a separate function for each
+    _product(hp, information, hp.shape[0], by)  # a literal 6 would make numba compile `_product` again
     for i in range(6):
         shift, before, explained = 0.0, 0.0, 0.0
         for j in range(n):
@@ -286,7 +286,7 @@ def correct(time, state, epoch, after, before):  # type: ignore[no-untyped-def]
     `epoch` (m,): times of the epochs [s]. `after`, `before`: from `backward`.
     """
     m, k, end = epoch.shape[0], 0, epoch.shape[0]
-    while k + 1 < end:  # compiling numpy's search would take as long as everything else here
+    while k + 1 < end:  # binary search; numpy's would double the compile time
         middle = (k + end) // 2
         if epoch[middle] < time[0]:
             k = middle
@@ -298,13 +298,13 @@ def correct(time, state, epoch, after, before):  # type: ignore[no-untyped-def]
         while k + 1 < m and epoch[k + 1] <= t + 1e-6:
             k += 1
         if t < epoch[k] - 1e-6 or (k + 1 == m and t > epoch[k] + 1e-6):
-            continue  # no epoch before or after this time
+            continue  # no correction without an epoch before and after this time
         span = epoch[k + 1] - epoch[k] if t > epoch[k] + 1e-6 else 0.0
         for i in range(NAV):
             error[i] = after[k, i]
         if span > 0.0:
             share = (t - epoch[k]) / span
-            rest, blend = 1.0 - share, share * share * (3.0 - 2.0 * share)
+            rest, blend = 1.0 - share, share * share * (3.0 - 2.0 * share)  # cubic Hermite interpolation
             for i in range(3):
                 bend = rest * after[k, 3 + i] - share * before[k + 1, 3 + i]
                 error[i] = (1.0 - blend) * after[k, i] + blend * before[k + 1, i] + span * share * rest * bend

@@ -1,1 +1,1 @@
-"""One drive from its files to its results, the same for the command line and a notebook."""
+"""Processing of a drive from its files to its results, identical for command line and notebook."""

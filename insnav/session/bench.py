@@ -1,4 +1,4 @@
-"""Bench data from files or arrays to results, identical for command line and notebook."""
+"""Processing of bench data from files or arrays to results, identical for command line and notebook."""
 
 from __future__ import annotations
 
@@ -57,15 +57,15 @@ def calibrate(
     Parameters
     ----------
     method : {"gyro", "accel", "imu", "nine", "poses", "rotor"}
-        Rate table, tumble test, rate sweeps about three axes, nine positions, multi-position without a table, moment
-        of inertia of a rotor.
+        Rate table, tumble test, rate sweeps about three axes, nine positions, multi-position without a table, and
+        moment of inertia of a rotor.
     files : path, data frame or sequence of these; for ``poses`` also arrays or ImuData
         For the columns see the help of the command, such as ``insnav calibrate gyro --help``. Arrays are
         ``(time, gyro, accel)``, or ``(gyro, accel)`` with `rate`.
     rate : float, optional
         Sampling rate of arrays without times [Hz].
     add : str or Path, optional
-        A calibration file whose other triad is carried over.
+        A calibration file from which the triad that is not calibrated here is copied.
     stage : callable, optional
         Called with the name of each stage of the work.
     opened : callable, optional
@@ -85,40 +85,40 @@ def calibrate(
     InputError
         A file cannot be used, or does not determine the result.
     """
-    started = stage or (lambda name: None)
+    report_stage = stage or (lambda name: None)
     module = calibration.method_named(method)
-    how = calibration.BenchOptions(**options)
-    started("reading")
+    settings = calibration.BenchOptions(**options)
+    report_stage("reading")
     if isinstance(files, ImuData):
         record = read_samples(files, Inputs())
     else:
-        sources = _sources(files, rate, how.counts)
+        sources = _sources(files, rate, settings.counts)
         if method in ("nine", "poses") and len(sources) > 1:
             raise ConfigError("lab.one_file", method=method, count=len(sources))
-        record = module.read(sources, how)
+        record = module.read(sources, settings)
     if opened is not None:
         opened(record)
-    started("fitting")
-    found = module.fit(record, how)
+    report_stage("fitting")
+    found = module.fit(record, settings)
     if found.errors is not None:
-        started("navigating")
+        report_stage("navigating")
         impact = calibration.navigation_impact(found.sensed or found.errors, found.sd)
-        other = None if add is None else load_calibration(add)
-        kept = "gyro" if method == "accel" else "accel"
-        errors = found.errors if other is None else calibration.carried_over(found.errors, other, kept)
+        added = None if add is None else load_calibration(add)
+        copied_triad = "gyro" if method == "accel" else "accel"
+        errors = found.errors if added is None else calibration.carried_over(found.errors, added, copied_triad)
         found = replace(found, errors=errors, impact=impact)
-    chosen = {name: value for name, value in asdict(how).items() if value != getattr(calibration.STANDARD, name)}
+    chosen = {name: value for name, value in asdict(settings).items() if value != getattr(calibration.STANDARD, name)}
     return Result("calibration", found, options={"method": method, "add": add, **chosen}, findings=found.warnings)
 
 
 def _sources(files: Any, rate: float | None, counts: bool) -> list[str | Path | Table]:
-    """Convert files, data frames and arrays to the input of the bench readers."""
+    """Convert files, data frames or arrays to the sources that the bench readers accept."""
     if isinstance(files, str | Path) or is_frame(files):
         return [samples_source(files, rate)]
     if all(isinstance(each, str | Path) or is_frame(each) for each in files):
         return [samples_source(each, rate) for each in files]
     table = samples_source(files, rate)
-    if counts and isinstance(table, Table):  # headers of raw counts have no unit
+    if counts and isinstance(table, Table):  # raw counts have headers without unit
         table = replace(table, headers=("time_s", *(name[:6] for name in table.headers[1:4]), *_COUNTS))
     return [table]
 
@@ -157,26 +157,26 @@ def allan(
     Parameters
     ----------
     imu : array, path, data frame, arrays or ImuData
-        One array, ``(n,)`` or ``(n, c)``, is a signal with `rate`; anything else an IMU as for `insnav.load`.
+        One array, ``(n,)`` or ``(n, c)``, holds signals at `rate`. Any other input is an IMU, as for `insnav.load`.
     rate : float, optional
         Sampling rate of arrays and files without times [Hz].
     column : str, optional
-        Header of the one column of a file to analyse, in its own unit.
+        Header of a single column of a file to analyse, in the unit of the column.
     taus : {"log", "octave"} or sequence of float
-        Averaging times [s]; about 90 evenly on the logarithmic axis, or powers of two.
+        Averaging times [s]: about 90 evenly spaced on a logarithmic axis, or powers of two, or the given ones.
     static : (float, float), optional
-        Part of the record of an IMU to use [s]; default all.
+        Part of the record of an IMU to use, begin and end [s]; by default the whole record.
     workers : int, optional
         Threads; by default as many as there are processors.
     progress : callable, optional
         Called with the fraction of the work that is done.
     **inputs
-        How to understand the file of an IMU, as in `insnav.steps.inputs.SampleInputs`.
+        Inputs that describe the file of an IMU; see `insnav.steps.inputs.SampleInputs`.
 
     Returns
     -------
     Result of StaticNoise, or of SignalNoise
-        Of an IMU with its specification for filters and simulations, ``found.spec``; of signals in their unit.
+        For an IMU, ``found.spec`` is its specification for filters and simulations. For signals, in their unit.
 
     Raises
     ------
@@ -219,19 +219,19 @@ def allan(
 def _signal(source: Given, column: str, rate: float | None) -> tuple[FloatArray, float]:
     """Read values ``(n,)`` of one column of a file, and their rate [Hz]."""
     table = open_table(samples_source(source, None))
-    of_time = tuple(each for each in IMU_SCHEMA if each.key == "time") if rate is None else ()
-    schema = (*of_time, Quantity("signal", "signal", "", "", ()))
-    found, _ = understand(table.headers, table.units, schema, columns={"signal": column}, where=table.name)
-    require(found, [each.key for each in schema], table, schema, hint="without_rate")
+    time_quantity = tuple(each for each in IMU_SCHEMA if each.key == "time") if rate is None else ()
+    schema = (*time_quantity, Quantity("signal", "signal", "", "", ()))
+    columns_found, _ = understand(table.headers, table.units, schema, columns={"signal": column}, where=table.name)
+    require(columns_found, [each.key for each in schema], table, schema, hint="without_rate")
     if rate is not None:
-        return table.cells.read([found["signal"].index]).columns[found["signal"].index], rate
-    cleaned = read_rows(table, found, ("time", "signal"), IMU_KINDS, slowest=SLOWEST_ALONE).clean()
+        return table.cells.read([columns_found["signal"].index]).columns[columns_found["signal"].index], rate
+    cleaned = read_rows(table, columns_found, ("time", "signal"), IMU_KINDS, slowest=SLOWEST_ALONE).clean()
     return cleaned.columns["signal"], 1.0 / cleaned.interval
 
 
 def _each_once(*findings: Iterable[Finding]) -> tuple[Finding, ...]:
-    """Join findings in order, without repetition."""
-    return tuple(dict.fromkeys(each for some in findings for each in some))
+    """Join sequences of findings in order, without repetition."""
+    return tuple(dict.fromkeys(each for sequence in findings for each in sequence))
 
 
 def acceptance(
@@ -252,13 +252,13 @@ def acceptance(
     static : path or data frame, optional
         A record at rest.
     powerups : sequence of path or data frame
-        Outputs at two opposite settings after each power-up, or the biases.
+        Outputs at two opposite settings after each power-up, or the resulting biases.
     lengths : sequence of float
         Averaging times of the bias stability [s].
     columns : mapping of str to str, optional
-        Quantity to header, for headers that are not understood by themselves.
+        Header of each quantity, for headers that insnav does not recognise.
     spike_limit : float, optional
-        Samples of a dwell farther than this from a polynomial through it are dropped, in the unit of the output.
+        Samples farther than this from a polynomial through their dwell are dropped; in the unit of the output.
 
     Returns
     -------
@@ -297,7 +297,7 @@ def drift(file: Given, *, columns: Mapping[str, str] | None = None) -> Result[Dr
     file : path, data frame or arrays
         Times, rates, and possible causes of drift; for its columns see ``insnav drift --help``.
     columns : mapping of str to str, optional
-        Quantity to header, for headers that are not understood by themselves.
+        Header of each quantity, for headers that insnav does not recognise.
 
     Returns
     -------
@@ -321,12 +321,10 @@ def drift(file: Given, *, columns: Mapping[str, str] | None = None) -> Result[Dr
 
 
 def bench_gravity(gravity: float | None, lat: float | None, height: float = 0.0) -> tuple[float, str]:
-    """Return gravity at the bench and its source; it is never assumed.
+    """Return gravity at the bench [m/s^2] and a text on its source; no value is assumed.
 
-    `gravity`: as measured [m/s^2]. `lat`: latitude [deg], for normal gravity instead. `height`: above the ellipsoid
-    [m].
-    Returns: `gravity` [m/s^2].
-    Raises: ConfigError: neither is given, or both, or no latitude.
+    `gravity`: measured value [m/s^2], or `lat`: latitude [deg] for normal gravity. `height`: above the ellipsoid [m].
+    Raises: ConfigError: neither `gravity` nor `lat` is given, or both, or the latitude is invalid.
     """
     if gravity is not None and lat is not None:
         raise ConfigError("session.gravity_twice", where="--gravity, --lat")
@@ -340,7 +338,7 @@ def bench_gravity(gravity: float | None, lat: float | None, height: float = 0.0)
 
 
 def imus(name: str | None = None) -> Result[tuple[Part, ...]]:
-    """List real IMUs, or show one IMU with the documents of its figures.
+    """List real IMUs, or show one IMU with the source document of each figure.
 
     Parameters
     ----------

@@ -17,16 +17,16 @@ from insnav.result import Result
 from insnav.simulate.motion import load_profile
 from insnav.simulate.recording import MOTION_STREAM
 
-RUNS_BEYOND_LINEAR = 100  # runs simulated if no linear method applies and none were requested
-LONGEST_FREE = 300.0  # the vertical channel's instability is negligible up to here [s]
+RUNS_BEYOND_LINEAR = 100  # simulated runs if no linear method applies and no runs were requested
+LONGEST_FREE = 300.0  # longest time in which the vertical channel's instability is negligible [s]
 
 
 @dataclass(frozen=True, slots=True)
 class BudgetSettings:
-    """Settings of a budget."""
+    """Settings of an error budget."""
 
-    times: Sequence[float] = (10.0, 20.0, 30.0, 40.0, 50.0, 60.0)  # when errors are reported [s]
-    runs: int = 0  # simulated runs; 0: none
+    times: Sequence[float] = (10.0, 20.0, 30.0, 40.0, 50.0, 60.0)  # times at which errors are reported [s]
+    runs: int = 0  # number of simulated runs; 0: none
     seed: int = 1  # random seed
     deflection: float = 0.0  # deflection of the vertical outside the gravity model, 1 sd per axis [rad]
     hold: bool | None = None  # constrain the vertical channel to the reference; None: where it would become unstable
@@ -36,7 +36,7 @@ class BudgetSettings:
 
 
 class BudgetOptions(TypedDict, total=False):
-    """`BudgetSettings` by name."""
+    """Settings of an error budget by name, see `BudgetSettings`."""
 
     times: Sequence[float]
     runs: int
@@ -97,7 +97,7 @@ def _drawn_up(
 ) -> Budget:
     """Compute a budget; add simulated runs if the errors exceed the linear model."""
     hold = max(settings.times) > LONGEST_FREE if settings.hold is None else settings.hold
-    one = partial(budget, spec, motion, settings.times, seed=settings.seed, deflection=settings.deflection, hold=hold)
-    drawn_up = partial(one, known=known, progress=progress)
-    found = drawn_up(runs=settings.runs)
-    return found if found.linear or settings.runs else drawn_up(runs=RUNS_BEYOND_LINEAR)
+    base = partial(budget, spec, motion, settings.times, seed=settings.seed, deflection=settings.deflection, hold=hold)
+    with_known = partial(base, known=known, progress=progress)
+    first = with_known(runs=settings.runs)
+    return first if first.linear or settings.runs else with_known(runs=RUNS_BEYOND_LINEAR)

@@ -1,4 +1,4 @@
-"""Check of recorded files: their content, their problems, and the command that runs them."""
+"""Check of recorded files: their content, their problems, and the ``insnav run`` command for them."""
 
 from __future__ import annotations
 
@@ -46,28 +46,28 @@ WORST_FIRST: Final = (
     *(Code.CHECK_SAME_TIME, Code.CHECK_GPS_GAPS, Code.CHECK_LEVER_ARM, Code.CHECK_COARSE, Code.CHECK_SPIKES),
     *(Code.CHECK_JITTER, Code.CHECK_NO_REST, Code.CHECK_VELOCITY_LAG, Code.CHECK_NO_LEVER_ARM),
 )
-BEGIN = 300.0  # navigated part of a drive [s]
-ATTEMPTS = 6  # with inputs that a refusal requests
-WORTH = {"delay": 0.05, "lever": 0.2}  # smallest reported values [s], [m]
-STEP = 0.004 * G0  # of the specific force between stops [m/s^2]
-LEAST_RATE, JITTER = 40.0, 0.05  # of an IMU without finding [Hz], relative to its interval
+BEGIN = 300.0  # length of the part of a drive that is navigated [s]
+ATTEMPTS = 6  # largest number of readings, each with the inputs requested by the last refusal
+WORTH = {"delay": 0.05, "lever": 0.2}  # smallest delay [s] and lever arm [m] that are reported
+STEP = 0.004 * G0  # smallest reported change of specific force between stops [m/s^2]
+LEAST_RATE, JITTER = 40.0, 0.05  # lowest rate [Hz], largest jitter [intervals] without a finding
 
 
 @dataclass(frozen=True, slots=True)
 class Checked:
-    """Result of a check of files."""
+    """Result of `check`: role of each file, statistics, problems, and the command to run."""
 
     roles: Mapping[str, str]  # role of each file
-    command: str  # command that runs them, as far as known
+    command: str  # ``insnav run`` command, as complete as the known inputs allow
     problems: tuple[Finding, ...]  # the worst first; notes need no action
     imu: ImuFigures | None = None
     gps: FixFigures | None = None
     offset: ClockOffset | None = None
     mounting: Mounting | None = None
-    run: Run | None = None  # of the filter, if the files can be navigated
+    run: Run | None = None  # result of the filter; None if the files cannot be navigated
     rest: tuple[float, float] | None = None  # first stationary interval [s]
-    runs: bool = False  # the command ran successfully
-    runs_as_given: bool = False  # insnav run accepts the files without options
+    runs: bool = False  # whether the command ran successfully
+    runs_as_given: bool = False  # whether ``insnav run`` accepts the files without options
 
 
 @dataclass(slots=True)
@@ -78,26 +78,26 @@ class _Patient:
     roles: dict[str, str] = field(default_factory=dict)
     problems: list[Finding] = field(default_factory=list)
     refusals: int = 0
-    parts: Mapping[str, str | Path] = field(default_factory=dict)  # files that belong together
+    parts: Mapping[str, str | Path] = field(default_factory=dict)  # file of each part of the recording
 
     def add(self, code: Code, begin: float = np.nan, **values: Any) -> None:
         """Add a finding."""
         self.problems.append(Finding.of(code, begin, **values))
 
     def refused(self, error: InsnavError) -> bool:
-        """Add the error of insnav run, and the inputs that it requests; return whether these are new."""
+        """Report an error of insnav run, add the inputs that it requests, and return whether these inputs are new."""
         self.refusals += 1
         before = {**self.inputs}
-        for key, value in error.gives.items():
+        for key, value in error.gives.items():  # inputs that the error requests
             old = self.inputs.get(key)
             old = parse_units(old) if key == "units" and isinstance(old, str) else old
             merged = {**old, **value} if isinstance(old, Mapping) else value
             self.inputs = cast(Inputs, {**self.inputs, key: merged})
-        known = self.inputs != before
+        is_new = self.inputs != before
         causes = [each["cause"] for each in of_code(self.problems, Code.CHECK_OPTION_NEEDED, Code.CHECK_REFUSED)]
         if (error.code, error.where) not in {(each.code, each.where) for each in causes}:
-            self.add(Code.CHECK_OPTION_NEEDED if known else Code.CHECK_REFUSED, cause=error.facts)
-        return known
+            self.add(Code.CHECK_OPTION_NEEDED if is_new else Code.CHECK_REFUSED, cause=error.facts)
+        return is_new
 
 
 def check(
@@ -105,8 +105,8 @@ def check(
 ) -> Result[Checked]:
     """Examine the files of a recording, in any order, or its folder.
 
-    insnav refuses no file: a file that it cannot read or navigate is the first problem of the result. insnav tries the
-    inputs that a refusal requests. It adds them to ``found.command`` if that command ran.
+    Unusable files raise no error: they are the first problem of the result. If a file is refused for lack of an input,
+    insnav tries the input that the refusal requests, and adds it to ``found.command``.
 
     Parameters
     ----------
@@ -123,40 +123,40 @@ def check(
         The worst problem comes first in ``found.problems``.
     """
     roles = {Path(each): role for each, role in ((gps, "gps"), (ref, "reference")) if each is not None}
-    known = by_name(inputs)
-    patient = _Patient(known)
-    given = _sorted([*files, *roles], patient, roles)
-    data, drive = _opened(given, patient)
+    given = by_name(inputs)
+    patient = _Patient(given)
+    by_role = _sorted([*files, *roles], patient, roles)
+    data, drive = _opened(by_role, patient)
     found = Checked(dict(patient.roles), "", ())
     if data is not None:
         found = _examined(found, data, drive, patient)
     facts = {} if data is None else data.facts
-    if data is None and "gps" in given:
-        facts, found = _fixes_alone(given["gps"], found, patient)
-    if known.get("axes") is None and "imu" in facts:  # axes that a refusal requested, not the user
-        own = tuple(each for each in facts["imu"].evidence if each.code is not Code.AXES_GIVEN)
-        facts = {**facts, "imu": replace(facts["imu"], evidence=own)}
+    if data is None and "gps" in by_role:
+        facts, found = _fixes_alone(by_role["gps"], found, patient)
+    if given.get("axes") is None and "imu" in facts:  # a refusal, not the user, supplied these axes
+        evidence = tuple(each for each in facts["imu"].evidence if each.code is not Code.AXES_GIVEN)
+        facts = {**facts, "imu": replace(facts["imu"], evidence=evidence)}
     problems = tuple(sorted(patient.problems, key=lambda each: WORST_FIRST.index(each.code)))
-    line = _command(patient) if "imu" in given else ""
+    line = _command(patient) if "imu" in by_role else ""
     as_given = found.run is not None and not patient.refusals
     found = replace(found, command=line, runs=found.run is not None, runs_as_given=as_given, problems=problems)
     given_events = {} if data is None else {name: each.events for name, each in data.given().items()}
-    events = (e for name, some in given_events.items() for e in some if name == "imu" or e.code is Code.ROWS_GAP)
+    events = (e for name, listed in given_events.items() for e in listed if name == "imu" or e.code is Code.ROWS_GAP)
     notes: tuple[Finding, ...] = () if drive is None else drive.notes
-    return Result("check", found, facts, options_of(known), None, (*problems, *notes, *events))
+    return Result("check", found, facts, options_of(given), None, (*problems, *notes, *events))
 
 
 def _sorted(files: Sequence[str | Path], patient: _Patient, roles: Mapping[Path, str]) -> dict[str, str | Path]:
-    """Identify the files: IMU, GPS, reference."""
-    held: dict[str | Path, set[str]] = {}
+    """Identify the file of each role: ``imu``, ``gps``, ``reference``."""
+    by_file: dict[str | Path, set[str]] = {}
     for each in [inside for path in files for inside in _inside(path)]:
         try:
-            held[each] = kinds_of(open_tables(each), imu_known=any("imu" in kinds for kinds in held.values()))
+            by_file[each] = kinds_of(open_tables(each), imu_known=any("imu" in kinds for kinds in by_file.values()))
         except InsnavError as error:
             patient.roles[str(each)] = "not readable"
             patient.refused(error)
-    given: dict[str, str | Path] = {}
-    # IMU samples first, then files of known role, then files with content, fixes before references, then the largest
+    by_role: dict[str, str | Path] = {}
+    # IMU samples first, then files of given role, then files of known kind, fixes before references, then by size
     order = {
         path: (
             "imu" not in kinds,
@@ -165,30 +165,30 @@ def _sorted(files: Sequence[str | Path], patient: _Patient, roles: Mapping[Path,
             kinds == {"reference"},
             -Path(path).stat().st_size,
         )
-        for path, kinds in held.items()
+        for path, kinds in by_file.items()
     }
-    for each, kinds in sorted(held.items(), key=lambda item: order[item[0]]):
+    for each, kinds in sorted(by_file.items(), key=lambda item: order[item[0]]):
         parts = ("imu", "gps") if "imu" in kinds or not kinds else ("gps",)
-        role = next((part for part in parts if part not in given), "reference")
-        other = "IMU" if kinds == {"imu"} else "reference" if kinds and role in given else ""
-        if other and role != "imu" and Path(each) not in roles:
-            patient.roles[str(each)] = f"another {other}: not checked"
+        role = next((part for part in parts if part not in by_role), "reference")
+        duplicate = "IMU" if kinds == {"imu"} else "reference" if kinds and role in by_role else ""
+        if duplicate and role != "imu" and Path(each) not in roles:
+            patient.roles[str(each)] = f"another {duplicate}: not checked"
             continue
         role = roles.get(Path(each), role)
         if not kinds and Path(each) not in roles:
             patient.roles[str(each)] = "not understood"
             if role == "reference":
                 continue
-        given[role] = each
-        both = {"imu", "gps"} <= kinds
-        patient.roles.setdefault(str(each), "IMU and GPS" if both else {"imu": "IMU", "gps": "GPS"}.get(role, role))
-        if both:
-            given.setdefault("gps", each)
-    return given
+        by_role[role] = each
+        has_both = {"imu", "gps"} <= kinds
+        patient.roles.setdefault(str(each), "IMU and GPS" if has_both else {"imu": "IMU", "gps": "GPS"}.get(role, role))
+        if has_both:
+            by_role.setdefault("gps", each)
+    return by_role
 
 
 def _inside(path: str | Path) -> list[str | Path]:
-    """Return a file, or a folder that is a recording by its names; else the files of the folder."""
+    """Return a file, or a folder whose file names identify a recording; else the files of the folder."""
     if not Path(path).is_dir():
         return [path]
     try:
@@ -199,29 +199,29 @@ def _inside(path: str | Path) -> list[str | Path]:
 
 
 def _opened(given: Mapping[str, str | Path], patient: _Patient) -> tuple[Recording | None, Drive | None]:
-    """Open the recording, and the drive, from as many of the files as fit together."""
+    """Open the recording, and the drive if possible, from as many files as are consistent."""
     if "imu" not in given:
         patient.refused(InputError("session.no_imu_file"))
         return None, None
-    best = None
+    largest = None
     for parts in _ways(given):
         recording, drive = _attempt(parts, patient)
-        best = best or recording
+        largest = largest or recording
         patient.parts = parts
-        if drive is not None and "reference" not in given and "reference" in parts:  # the file has no fixes
+        if drive is not None and "reference" not in given and "reference" in parts:  # the GPS file is a reference
             patient.problems, patient.refusals = [], 0
             patient.roles[str(parts["reference"])] = "reference"
         if drive is not None or (recording is not None and recording.gps is not None and "reference" not in parts):
             return recording if drive is None else drive.recording, drive
-    return best, None
+    return largest, None
 
 
 def _ways(given: Mapping[str, str | Path]) -> Iterator[dict[str, str | Path]]:
-    """Yield combinations: all files, without reference, fixes as place of a bench, samples alone."""
+    """Yield file combinations to try: all; without reference, or fixes as bench position; samples alone."""
     imu, gps = given["imu"], given.get("gps")
     yield {**given}
     if "reference" in given:
-        yield {key: each for key, each in given.items() if key != "reference"}
+        yield {key: path for key, path in given.items() if key != "reference"}
     elif gps is not None and gps != imu:
         yield {"imu": imu, "reference": gps}
     if gps is not None and gps != imu:
@@ -229,20 +229,20 @@ def _ways(given: Mapping[str, str | Path]) -> Iterator[dict[str, str | Path]]:
 
 
 def _attempt(parts: Mapping[str, str | Path], patient: _Patient) -> tuple[Recording | None, Drive | None]:
-    """Read files with the inputs that refusals request."""
+    """Read files; after a refusal, repeat with the inputs that it requests."""
     recording = None
     for _ in range(ATTEMPTS):
         try:
             recording = read(parts["imu"], parts.get("gps"), parts.get("reference"), patient.inputs)
             return recording, drive_of(recording)
         except InsnavError as error:
-            if not patient.refused(error):
+            if not patient.refused(error):  # no new input to try
                 break
     return recording, None
 
 
 def _fixes_alone(path: str | Path, found: Checked, patient: _Patient) -> tuple[dict[str, ReadingFacts], Checked]:
-    """Examine a file of fixes without samples."""
+    """Examine a file of fixes if there are no IMU samples."""
     inputs = patient.inputs
     try:
         reading = read_gps(path, columns=inputs.get("gps_columns"), height=inputs.get("gps_height"))
@@ -255,46 +255,46 @@ def _fixes_alone(path: str | Path, found: Checked, patient: _Patient) -> tuple[d
 
 
 def _examined(found: Checked, data: Recording, drive: Drive | None, patient: _Patient) -> Checked:
-    """Add statistics and problems of the data."""
+    """Add statistics of the data to the result, and problems to `patient`."""
     imu = data.imu.data
     fixes = None if data.gps is None else with_sd(data.gps.data)[0]
-    together = drive is not None and fixes is not None
+    has_both = drive is not None and fixes is not None
     if drive is not None and drive.fixes is None:
         patient.refused(InputError("session.no_gps"))
     try:
-        rest = stationary_part(imu, fixes if together else None, data.inputs)
+        rest = stationary_part(imu, fixes if has_both else None, data.inputs)
     except InsnavError:
         rest = None
-    still = _standing(imu, data.gps.data) if together and data.gps is not None else None
+    still = _standing(imu, data.gps.data) if has_both and data.gps is not None else None
     found = replace(found, imu=inspect_samples(imu, rest, still), rest=rest)
     _report_sensor_faults(imu, patient)
     for reading in data.given().values():
-        lost = of_code((*reading.events, *reading.facts.evidence), Code.ROWS_CUT, Code.READ_ROWS_UNREADABLE)
-        patient.problems += lost
+        lost_rows = of_code((*reading.events, *reading.facts.evidence), Code.ROWS_CUT, Code.READ_ROWS_UNREADABLE)
+        patient.problems += lost_rows
     _of_imu(data.imu, found, patient)
     if data.gps is not None:
         found = replace(found, gps=look_at_fixes(data.gps.data))
         _of_gps(data.gps, found, patient)
-    if together and drive is not None and fixes is not None and data.gps is not None:
+    if has_both and drive is not None and fixes is not None and data.gps is not None:
         parts = intervals(imu.beginning(BEGIN))
         offset = clock_offset(joined([parts]), fixes)
-        shown = offset if isinstance(offset, ClockOffset) and offset.is_shown else None
-        found = replace(found, offset=shown, mounting=find_mounting(parts, fixes))
+        significant = offset if isinstance(offset, ClockOffset) and offset.is_shown else None
+        found = replace(found, offset=significant, mounting=find_mounting(parts, fixes))
     if drive is not None and drive.fixes is not None:
         found = replace(found, run=_run(drive, patient))
     if data.gps is not None:
         patient.problems += not_covered(data.imu.facts, data.gps.facts)
-    if together:
+    if has_both:
         _suggest_options(found, data, patient)
     return found
 
 
 def _standing(imu: ImuData, gps: GpsData) -> BoolArray | None:
     """Find samples at which the vehicle is stationary by GPS."""
-    known = np.isfinite(gps.v_n).all(axis=1)
-    if known.sum() < 2:
+    valid = np.isfinite(gps.v_n).all(axis=1)
+    if valid.sum() < 2:
         return None
-    return np.asarray(np.interp(imu.time, gps.time[known], np.linalg.norm(gps.v_n[known], axis=1)) < STATIC_SPEED)
+    return np.asarray(np.interp(imu.time, gps.time[valid], np.linalg.norm(gps.v_n[valid], axis=1)) < STATIC_SPEED)
 
 
 def _report_sensor_faults(imu: ImuData, patient: _Patient) -> None:
@@ -309,9 +309,9 @@ def _report_sensor_faults(imu: ImuData, patient: _Patient) -> None:
         ((Code.IMU_STUCK, Code.IMU_FROZEN), Code.CHECK_STUCK),
         ((Code.IMU_SPIKE,), Code.CHECK_SPIKES),
     ):
-        some = [*of_code(events, *codes)]
-        if some:
-            patient.add(code, some[0].begin, count=len(some), sensor=some[0].subject)
+        matching = [*of_code(events, *codes)]
+        if matching:
+            patient.add(code, matching[0].begin, count=len(matching), sensor=matching[0].subject)
 
 
 def _of_imu(reading: Reading[ImuData], found: Checked, patient: _Patient) -> None:
@@ -367,33 +367,33 @@ def _of_gps(reading: Reading[GpsData], found: Checked, patient: _Patient) -> Non
 
 
 def _run(drive: Drive, patient: _Patient) -> Run | None:
-    """Navigate the first part of a drive by the filter alone; if that fails, the whole as ``insnav run`` does.
+    """Navigate the first `BEGIN` seconds of a drive by the filter alone; if this fails, the drive by ``insnav run``.
 
     None if the files are refused or the filter diverges.
     """
     if drive.gps is not None and drive.reference is not None and same_positions(drive.gps.data, drive.reference.data):
         patient.add(Code.CHECK_SAME_DATA)
     run: Run | None = None
-    lost: Finding | None = None
+    fault: Finding | None = None
     with suppress(InsnavError):
         begin = drive.beginning(BEGIN).until("align")
         run = looked(begin.ready)
-        run, lost = replace(run, gps_delay=run.gps_delay + begin.model.clock.value), failure(run)
-    if run is None or lost:
+        run, fault = replace(run, gps_delay=run.gps_delay + begin.model.clock.value), failure(run)
+    if run is None or fault:
         try:
             run = drive.navigate(output_interval=1.0).found.run
         except InsnavError as error:
             patient.refused(error)
             return None
-        lost = failure(run)
-    if lost:
-        patient.refused(DivergenceError("session.contradiction", cause=lost))
+        fault = failure(run)
+    if fault:
+        patient.refused(DivergenceError("session.contradiction", cause=fault))
         return None
     return run
 
 
 def _suggest_options(found: Checked, data: Recording, patient: _Patient) -> None:
-    """Suggest axes, GPS delay and lever arm for the printed command, if the run estimated significant values."""
+    """Report estimated axes, GPS delay and lever arm if they are significant; add the axes to the command."""
     axes = data.imu.facts.axes
     if found.mounting and axes and axes != "FRD" and data.inputs.get("axes") is None:
         patient.inputs["axes"] = axes
@@ -412,7 +412,7 @@ def _suggest_options(found: Checked, data: Recording, patient: _Patient) -> None
 
 
 def _command(patient: _Patient) -> str:
-    """Compose the command that runs the files."""
+    """Compose the ``insnav run`` command for the files."""
     parts = patient.parts
     words = ["insnav", "run", str(parts["imu"])]
     if parts.get("gps", parts["imu"]) != parts["imu"]:
@@ -426,7 +426,7 @@ def _command(patient: _Patient) -> str:
 
 
 def _spelled(value: object, size: float) -> str:
-    """Format the value of an option in the unit of this size."""
+    """Format the value of an option in its unit; `size`: the unit in SI units."""
     if isinstance(value, Mapping):
         return ",".join(f"{key}={each}" for key, each in value.items())
     if isinstance(value, list | tuple | np.ndarray):

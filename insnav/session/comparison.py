@@ -1,4 +1,4 @@
-"""Comparison of runs with one reference: results in memory, or folders."""
+"""Comparison of runs, in memory or in folders, with one reference."""
 
 from __future__ import annotations
 
@@ -55,13 +55,13 @@ def compare(
     reference = read_ref(ref, inputs)
     solutions = [each for number, run in enumerate(runs, start=1) for each in _solutions(run, number)]
     fixed, notes = fixed_epochs(reference)
-    point, best, gps = reference_point(inputs, reference.data), solutions[0], _fixes(runs[0])
-    best = next((each for each in solutions if (each.run, each.solution) == (best.run, "smoothed")), best)
+    point, chosen, gps = reference_point(inputs, reference.data), solutions[0], _fixes(runs[0])
+    chosen = next((each for each in solutions if (each.run, each.solution) == (chosen.run, "smoothed")), chosen)
     if gps is not None and same_positions(gps, fixed):
         notes = (*notes, Finding.of(Code.REF_SAME_AS_GPS, subject="ref"))
     else:
-        with suppress(InputError):  # no common time: reported below, with the run
-            fixed, doubts = check_reference(fixed, best.trajectory, gps, best.lever_b if point is None else point)
+        with suppress(InputError):  # without a common time, `compare_solutions` raises the error
+            fixed, doubts = check_reference(fixed, chosen.trajectory, gps, chosen.lever_b if point is None else point)
             notes = (*notes, *doubts)
     found = compare_solutions(solutions, fixed, point)
     names = [str(run) for run in runs if not isinstance(run, Result)]
@@ -78,10 +78,10 @@ def _fixes(run: Result[EvaluatedRun] | str | Path) -> GpsData | None:
 def _solutions(run: Result[EvaluatedRun] | str | Path, number: int) -> Iterator[Solution]:
     """Yield the filtered and, if present, the smoothed solution of a run."""
     if isinstance(run, Result):
-        name, found = f"run {number}", run.found.run
-        yield Solution(name, "filtered", found.solution, found.lever_b)
-        if found.smoothed is not None:
-            yield Solution(name, "smoothed", found.smoothed.solution, found.lever_b)
+        name, navigated = f"run {number}", run.found.run
+        yield Solution(name, "filtered", navigated.solution, navigated.lever_b)
+        if navigated.smoothed is not None:
+            yield Solution(name, "smoothed", navigated.smoothed.solution, navigated.lever_b)
         return
     folder = Path(run)
     name = plain_text(folder.resolve().name)

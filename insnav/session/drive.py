@@ -1,6 +1,6 @@
-"""Recorded drive: reading, interpretation, and all operations on it.
+"""Recorded drive: its reading, its interpretation, and all operations on it.
 
-`load` reads and chooses models; only the methods of `Drive` navigate. The command line uses the same functions.
+`load` reads data and chooses models; only the methods of `Drive` navigate. The command line uses the same functions.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ if TYPE_CHECKING:  # slow imports happen where they are used: a run needs no bud
     from insnav.session.requirement import RequirementOptions
 
 _report = library("insnav.report.run.panels")
-SHORT_REST = 10.0  # steady motion may resemble a stop for this long [s]
+SHORT_REST = 10.0  # duration up to which steady motion may resemble a stop [s]
 REFERENCE_SD = (0.05, None)  # sd of reference positions and velocities [m], [m/s]; None: velocities are not used
 
 
@@ -95,7 +95,7 @@ def load(
 def align(
     samples: Given | ImuData, gps: Given | GpsData | None = None, **inputs: Unpack[NamedInputs]
 ) -> Result[FineAlignment]:
-    """Align a static record, as `Drive.align` does; see `load` for the inputs.
+    """Align a stationary record, as `Drive.align` does; see `load` for the inputs.
 
     Parameters
     ----------
@@ -112,19 +112,19 @@ def align(
 def _missed_epochs(epochs: FloatArray, run: Run) -> tuple[Finding, ...]:
     """Report epochs outside the solution.
 
-    Raises: InputError: all are.
+    Raises: InputError: all epochs are outside.
     """
-    got = 0 if run.poses is None else len(run.poses.time)
-    if not epochs.size or got == epochs.size:
+    n_solved = 0 if run.poses is None else len(run.poses.time)
+    if not epochs.size or n_solved == epochs.size:
         return ()
-    ends = tuple(run.solution.time[[0, -1]].tolist())
-    if not got:
-        raise InputError("session.epochs_outside", where="epochs", epochs_s=(epochs[0], epochs[-1]), solution_s=ends)
-    return (Finding.of(Code.RUN_EPOCHS_MISSED, count=epochs.size - got, total=epochs.size, solution_s=ends),)
+    span = tuple(run.solution.time[[0, -1]].tolist())
+    if not n_solved:
+        raise InputError("session.epochs_outside", where="epochs", epochs_s=(epochs[0], epochs[-1]), solution_s=span)
+    return (Finding.of(Code.RUN_EPOCHS_MISSED, count=epochs.size - n_solved, total=epochs.size, solution_s=span),)
 
 
 def drive_of(recording: Recording) -> Drive:
-    """Check that files belong together, and choose unspecified inputs.
+    """Check that the files belong together, choose unspecified inputs, and return the drive.
 
     Raises: InputError: IMU and GPS have no common time.
     """
@@ -151,22 +151,22 @@ class Drive:
 
     @property
     def imu(self) -> Reading[ImuData]:
-        """Samples, known errors corrected."""
+        """IMU samples, corrected for known errors."""
         return self.recording.imu
 
     @property
     def gps(self) -> Reading[GpsData] | None:
-        """Fixes as read."""
+        """Fixes as read; None without fixes."""
         return self.recording.gps
 
     @property
     def reference(self) -> Reading[Trajectory] | None:
-        """Reference as read."""
+        """Reference trajectory as read; None without a reference."""
         return self.recording.reference
 
     @property
     def fixes(self) -> GpsData | None:
-        """Fixes with a standard deviation for each value."""
+        """Fixes, with standard deviations completed; None without fixes."""
         return self.recording.fixes
 
     @property
@@ -177,15 +177,15 @@ class Drive:
 
     @property
     def imu_chosen(self) -> Finding:
-        """Finding on the choice of the IMU error specification."""
+        """Finding that states how the IMU error specification was chosen."""
         assert self.model.imu is not None
         return self.model.imu[1]
 
     @property
     def notes(self) -> tuple[Finding, ...]:
-        """Assumptions, besides the IMU error specification."""
-        found = (finding for step in self.steps if step.name in LOAD for finding in step.findings)
-        return tuple(finding for finding in found if finding is not self.imu_chosen)
+        """Assumptions, except the one on the IMU error specification."""
+        findings = (finding for step in self.steps if step.name in LOAD for finding in step.findings)
+        return tuple(finding for finding in findings if finding is not self.imu_chosen)
 
     def __repr__(self) -> str:
         lines = [each.lines()[0] for each in self.recording.facts.values()]
@@ -202,7 +202,7 @@ class Drive:
         return cast("Figure", _report.drive_figure(self.recording))
 
     def beginning(self, length: float) -> Drive:
-        """Return the drive with the samples of its first `length` [s] only."""
+        """Return the drive with only the IMU samples of its first `length` [s]."""
         imu = self.recording.imu
         return replace(self, recording=replace(self.recording, imu=replace(imu, data=imu.data.beginning(length))))
 
@@ -229,8 +229,8 @@ class Drive:
             The data cannot be navigated.
         """
         model = self.model if task is None else replace(self.model, task=task)
-        wanted = STEPS[len(self.steps) : STEPS.index(step) + 1]
-        recording, model, steps = run_steps(wanted, self.recording, model)
+        pending = STEPS[len(self.steps) : STEPS.index(step) + 1]
+        recording, model, steps = run_steps(pending, self.recording, model)
         return Drive(recording, model, (*self.steps, *steps))
 
     @in_notebook
@@ -246,7 +246,7 @@ class Drive:
         mechanization: Literal["full", "short"] = "full",
         progress: Callable[[float], None] | None = None,
     ) -> Result[EvaluatedRun]:
-        """Navigate the drive, and evaluate it against the reference, if any.
+        """Navigate the drive, and evaluate the solution against the reference if there is one.
 
         Parameters
         ----------
@@ -263,7 +263,7 @@ class Drive:
         point : sequence of three floats, optional
             Point of the table ``poses``: forward, right, down of the IMU [m].
         mechanization : {"full", "short"}
-            short: also compare the short-duration form with the full one.
+            With ``short``, also compare the short-duration form with the full form.
         progress : callable, optional
             Called with the fraction done.
 
@@ -283,12 +283,12 @@ class Drive:
 
         output = Output(dense(output_interval), smooth, epochs, point)
         done = self.until(STEPS[-1], Task(states, aiding, output, progress))
-        ready, found = done.ready, done.evaluated
+        ready, evaluated = done.ready, done.evaluated
         if mechanization == "short":
             from insnav.errors.evaluated_run import short_windows
 
-            windows = short_windows(ready.imu, found.run.solution, found.run.sensor_errors)
-            found = replace(found, short_duration=tuple(windows))
+            windows = short_windows(ready.imu, evaluated.run.solution, evaluated.run.sensor_errors)
+            evaluated = replace(evaluated, short_duration=tuple(windows))
         options = {
             "states": states,
             "aiding": aiding,
@@ -298,20 +298,20 @@ class Drive:
             "epochs": len(epochs) or None,
             "point": None if point is None else point.tolist(),
         }
-        found = replace(found, run=thinned(found.run, output_interval))
-        missed = _missed_epochs(epochs, found.run)
-        return done.result("run", found, options, (*done.findings, *missed, *found.run.events), found)
+        evaluated = replace(evaluated, run=thinned(evaluated.run, output_interval))
+        missed = _missed_epochs(epochs, evaluated.run)
+        return done.result("run", evaluated, options, (*done.findings, *missed, *evaluated.run.events), evaluated)
 
     @property
     def ready(self) -> FilterInput:
-        """Filter input at the start; after navigation, with the other aiding that it used."""
+        """Filter input; after navigation, including the other aiding that the filter used."""
         ready, solved = self.model.ready, self.model.solved
         assert ready is not None
         return ready if solved is None else solved.ready
 
     @property
     def evaluated(self) -> EvaluatedRun:
-        """Solution, compared with the reference, if any."""
+        """Solution, compared with the reference if there is one."""
         assert self.model.evaluated is not None
         return self.model.evaluated
 
@@ -335,9 +335,9 @@ class Drive:
         first : float, optional
             Start of the first window, after the start of navigation [s].
         spacing : float, optional
-            Interval between windows [s]; by default about sixty fit.
+            Interval between windows [s]; by default chosen for about sixty windows.
         aiding : {"auto", "on", "off"}
-            Use other aiding in the windows: with auto and on, not with off.
+            Whether other aiding is used in the windows: with ``auto`` and ``on``, not with ``off``.
         workers : int or str
             Processes, or an engine: ``processes:4``, ``dask:ADDRESS``.
         progress : callable, optional
@@ -355,23 +355,23 @@ class Drive:
         from insnav.errors.outage.gnss_outage import OutageStudy, common_error, outage_growth, outages
 
         lengths = [float(length) for length in np.ravel(lengths)]
-        share = 0.4  # share of the run in the work
+        share = 0.4  # fraction of the progress that navigation takes
         task = Task(aiding="off" if aiding == "off" else "on", progress=share_of(progress, 0.0, share))
         done = self.until(STEPS[-1], task)
-        ready, run, notes = done.ready, done.evaluated, done.findings
+        ready, evaluated, notes = done.ready, done.evaluated, done.findings
         reference = None if self.reference is None else partial(self._antenna_positions, self.reference)
         announce("simulating outages")
-        ready = replace(ready, gps=without_rejected(ready, run.run))
-        left = share_of(progress, share, 1.0 - share)
+        ready = replace(ready, gps=without_rejected(ready, evaluated.run))
+        report = share_of(progress, share, 1.0 - share)
         windows = outages(
-            ready, lengths=lengths, first=first, spacing=spacing, reference=reference, workers=workers, progress=left
+            ready, lengths=lengths, first=first, spacing=spacing, reference=reference, workers=workers, progress=report
         )
-        found = OutageStudy(tuple(windows), tuple(outage_growth(windows)), self._compared_with(), run)
-        notes = (*(finding for each in found.growth for finding in common_error(each)), *notes)
+        study = OutageStudy(tuple(windows), tuple(outage_growth(windows)), self._compared_with(), evaluated)
+        notes = (*(finding for each in study.growth for finding in common_error(each)), *notes)
         if missed := sorted({*lengths} - {window.length for window in windows}):
             notes = (Finding.of(Code.OUTAGE_NO_WINDOW, lengths_s=tuple(missed)), *notes)
         options = {"lengths_s": lengths, "first_s": first, "spacing_s": spacing, "aiding": aiding}
-        return done.result("outage", found, options, (*notes, *run.run.events), run)
+        return done.result("outage", study, options, (*notes, *evaluated.run.events), evaluated)
 
     @in_notebook
     def budget(
@@ -421,8 +421,8 @@ class Drive:
         assumed = () if self.recording.inputs.get("imu_model") is not None else (self.imu_chosen,)
         prepared = (each for each in done.model.findings if not each.timed)
         recorded = replace(recorded, notes=(*self.notes, *assumed, *prepared, *recorded.notes))
-        found = budget_of_windows(recorded, settings, progress)
-        return done.result("budget", found, asdict(settings), (*recorded.notes, *self._events()))
+        study = budget_of_windows(recorded, settings, progress)
+        return done.result("budget", study, asdict(settings), (*recorded.notes, *self._events()))
 
     @in_notebook
     def require(
@@ -439,8 +439,8 @@ class Drive:
         Parameters
         ----------
         error, after : str or float
-            Limit and time without GPS; see `insnav.require`. An IMU model specified with the drive provides the given
-            errors.
+            Limit and time without GPS; see `insnav.require`. If an IMU model was specified with the drive, only the
+            errors that it lacks are allocated.
         workers : int or str
             Processes, or an engine: ``processes:4``, ``dask:ADDRESS``.
         progress : callable, optional
@@ -468,11 +468,11 @@ class Drive:
         spec = load_imu(str(given)) if isinstance(given, str | Path) else given
         motion = Moving(truth_from_track(track), f"the drive {Path(self.imu.facts.path).name}")
         announce("simulating")
-        found = study_of(required, motion, spec, settings, workers, progress)
-        return self.result("requirement", found.found, found.options, (*self.notes, *self._events()))
+        study = study_of(required, motion, spec, settings, workers, progress)
+        return self.result("requirement", study.found, study.options, (*self.notes, *self._events()))
 
     def align(self) -> Result[FineAlignment]:
-        """Align the drive at rest: from means, then by the filter with zero velocity.
+        """Align the drive at rest: coarsely from mean samples, then by the filter with zero-velocity updates.
 
         Returns
         -------
@@ -494,10 +494,10 @@ class Drive:
             raise AlignmentError("session.no_rest", where=self.imu.facts.path)
         if span is None and rest[1] - rest[0] < SHORT_REST:
             duration = rest[1] - rest[0]
-            short = Finding.of(Code.ALIGN_SHORT_REST, *rest, subject="imu", duration_s=duration, limit_s=SHORT_REST)
-            notes.append(short)
-        found = fine_alignment(self.imu.data, self.imu_spec, self._place(), rest, inputs.get("heading"))
-        return self.result("alignment", found, {}, (*notes, *self._events()))
+            finding = Finding.of(Code.ALIGN_SHORT_REST, *rest, subject="imu", duration_s=duration, limit_s=SHORT_REST)
+            notes.append(finding)
+        alignment = fine_alignment(self.imu.data, self.imu_spec, self._place(), rest, inputs.get("heading"))
+        return self.result("alignment", alignment, {}, (*notes, *self._events()))
 
     def _place(self) -> FloatArray:
         """Return latitude, longitude [rad] and height [m] of a stationary record."""
@@ -510,7 +510,7 @@ class Drive:
         return np.asarray(self.fixes.lla[0])
 
     def _antenna_positions(self, reference: Reading[Trajectory], lever_b: FloatArray) -> GpsData:
-        """Move reference positions to the antenna, `lever_b` from the IMU, each with a standard deviation."""
+        """Move the reference positions to the antenna, at `lever_b` from the IMU, and complete their sd."""
         point, data = reference_point(self.recording.inputs, reference.data), reference.data
         if point is not None and not np.allclose(point, lever_b, atol=1e-3):
             if not np.isfinite(data.rph).all():
@@ -541,16 +541,16 @@ class Drive:
         if self.reference is None:
             return "the drive's own GPS fixes"
         point = reference_point(self.recording.inputs, self.reference.data)
-        of = "of the antenna" if point is None else "of the IMU" if not point.any() else "of the point given"
-        return f"the positions of {Path(self.reference.facts.path).name} ({of})"
+        description = "of the antenna" if point is None else "of the IMU" if not point.any() else "of the point given"
+        return f"the positions of {Path(self.reference.facts.path).name} ({description})"
 
     def _events(self) -> tuple[Finding, ...]:
-        """Return the events of reading, in order of time."""
+        """Return the events found when the files were read, in order of time."""
         return by_time([event for reading in self.recording.given().values() for event in reading.events])
 
     @property
     def findings(self) -> tuple[Finding, ...]:
-        """Assumptions and choices for the solution."""
+        """Findings on the assumptions and choices behind the solution."""
         solved, events = self.model.solved, self.evaluated.run.events
         notes = () if solved is None else solved.notes
         return (*self.notes, *notes, *added(events, self.steps[-1].findings))
@@ -563,7 +563,7 @@ class Drive:
         findings: tuple[Finding, ...],
         run: EvaluatedRun | None = None,
     ) -> Result[Any]:
-        """Build a result; a `run` adds its findings."""
+        """Build a result of this `kind`; the findings of a `run` are added."""
         given, spec, chosen = options_of(self.recording.inputs, **options), self.model.filter_imu, self.imu_chosen
         if (noise := self.model.noise) is not None:
             prior, nearest = noise.filter_spec.name, self.imu_spec.name
@@ -572,8 +572,8 @@ class Drive:
             elif chosen not in findings:
                 findings = (*findings, replace(chosen, severity=Severity.NOTE))
             chosen = Finding.of(Code.IMU_MODEL_ESTIMATED, prior=prior, nearest="" if prior == nearest else nearest)
-        every = (*findings, chosen)
+        all_findings = (*findings, chosen)
         result = Result(
-            kind, found, self.recording.facts, given, (spec, chosen), every, self.steps, self.model.explanation
+            kind, found, self.recording.facts, given, (spec, chosen), all_findings, self.steps, self.model.explanation
         )
         return result if run is None else judged(result, run)

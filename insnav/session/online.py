@@ -1,4 +1,4 @@
-"""Filter that is fed as data arrive, with the kernels and measurements of `insnav.filter.navigator`."""
+"""Online filter: it processes data as they arrive, with the kernels and measurements of `insnav.filter.navigator`."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ from insnav.steps.given import checked, given_imu, given_receiver, one_of
 from insnav.steps.inputs import Inputs
 from insnav.types import FloatArray, GpsData, ImuData
 
-WINDOW = 2.0  # fixes older than this, relative to the newest sample, are refused [s]
+WINDOW = 2.0  # fixes are ignored if they are older than this, relative to the newest sample [s]
 INPUTS = ("lever_arm", "lever_arm_sd", "gps_delay", "heading", "static", "initial", "sampling", "stamp", "rate")
 
 
@@ -51,12 +51,12 @@ class OnlineState:
     gyro_bias, accel_bias : (3,) array
         Estimated biases [rad/s], [m/s^2].
     covariance : (21, 21) array
-        Of the errors, estimate minus truth. Position N, E, D [m], velocity N, E, D [m/s], attitude ``phi`` [rad]. Gyro
-        bias [rad/s], accelerometer bias [m/s^2], gyro and accelerometer scale factor [-].
+        Covariance of the errors, estimate minus truth. Position N, E, D [m], velocity N, E, D [m/s], attitude ``phi``
+        [rad]. Gyro bias [rad/s], accelerometer bias [m/s^2], gyro and accelerometer scale factor [-].
     sd : (9,) array
         Standard deviation of position N, E, D [m], velocity N, E, D [m/s], roll, pitch, heading [rad].
     lever_arm : (3,) array
-        Antenna seen from the IMU, body axes, specified or estimated [m].
+        Antenna position relative to the IMU, body axes, specified or estimated [m].
     gps_delay : float
         Age of the fixes relative to their timestamps, specified or estimated [s].
     findings : tuple of Finding
@@ -78,7 +78,7 @@ class OnlineState:
 
 
 class _Findings(Record):
-    """Record of a run that has no end: it keeps the newest findings alone."""
+    """Record of an online run: it keeps only the newest findings, and no solution."""
 
     def __init__(self) -> None:
         super().__init__(0)
@@ -98,12 +98,12 @@ class _Findings(Record):
 
 
 class OnlineFilter:
-    """Loosely coupled INS/GPS filter that is fed as data arrive.
+    """Loosely coupled INS/GPS filter that processes data as they arrive.
 
-    It collects data until they determine an attitude: until the end of `static`, or 50 s after the first motion. It
-    then navigates the collected data, and each further block at once. Without motion it needs `static` and a
-    heading, or gyros that measure the Earth's rotation. Fixes may arrive in any order within 2 s: the filter goes back
-    and repeats the samples since.
+    The filter collects data until they determine an attitude: until the end of `static`, or 50 s after the first
+    motion. It then navigates the collected data, and each further block at once. Without motion it needs `static` and a
+    heading, or gyros that measure the Earth's rotation. Fixes may arrive in any order within 2 s: the filter returns to
+    an earlier state and repeats the samples since then.
 
     Parameters
     ----------
@@ -146,10 +146,10 @@ class OnlineFilter:
             if not 0.0 < value <= high:
                 raise ConfigError("input.out_of_range", where="correlated", value=value, low=0, high=high, unit=unit)
         inputs = checked(inputs)
-        given, start, rate = given_imu(imu), inputs.get("initial"), inputs.get("rate")
-        assert given is not None
+        spec_and_finding, start, rate = given_imu(imu), inputs.get("initial"), inputs.get("rate")
+        assert spec_and_finding is not None
         self._start = start if isinstance(start, Start) else None
-        self._spec, self._heading, self._static = given[0], inputs.get("heading"), inputs.get("static")
+        self._spec, self._heading, self._static = spec_and_finding[0], inputs.get("heading"), inputs.get("static")
         receiver = given_receiver(inputs)
         self._delay, delay = receiver.delay.value, replace(receiver.delay, value=0.0)
         self._receiver = replace(receiver, delay=delay)
@@ -157,31 +157,31 @@ class OnlineFilter:
         self._nothing = ImuData(none, three, three, inputs.get("sampling") or "mean", inputs.get("stamp") or "end")
         self._states, self._nominal, self._correlated = states, None if rate is None else 1.0 / rate, correlated
         self._record = _Findings()
-        self._record.event(given[1])
+        self._record.event(spec_and_finding[1])
         self._nav: Navigator | None = None
-        self._last, self._ended, self._retry = -np.inf, -np.inf, -np.inf  # newest sample, the one before a gap [s]
-        self._aligning, self._held = True, self._nothing  # samples for the next alignment
-        # fixes that may be needed again
+        self._last, self._ended, self._retry = -np.inf, -np.inf, -np.inf  # newest sample, gap, next alignment [s]
+        self._aligning, self._held = True, self._nothing  # samples for alignment
+        # fixes since the oldest stored state
         self._gps = GpsData(none, three, three, three, three, np.empty(0, np.int64))
-        self._recent: list[ImuData] = []  # samples after the oldest state to go back to
-        self._saved: list[tuple[float, float, tuple[Any, ...]]] = []  # time, newest sample, the state
+        self._recent: list[ImuData] = []  # samples after the oldest stored state
+        self._saved: list[tuple[float, float, tuple[Any, ...]]] = []  # time of state, of newest sample, state
         self._axes_sd = np.zeros(3)
         self._cause: ErrorFacts | None = None
 
     def imu(self, time: ArrayLike, gyro: ArrayLike, accel: ArrayLike) -> None:
-        """Take the next samples.
+        """Process the next IMU samples.
 
         Parameters
         ----------
         time : float or (n,) array_like
-            Time of each sample [s], after those before.
+            Time of each sample [s], increasing, also from call to call.
         gyro, accel : (3,) or (n, 3) array_like
             Angular rate [rad/s] and specific force [m/s^2] in body axes, or increments; see `insnav.ImuData`.
 
         Raises
         ------
         InputError
-            The samples have another shape, are not finite, or go back in time. None of them is used.
+            The samples have a wrong shape, are not finite, or go back in time. None of the samples is used.
         DivergenceError
             The filter lost consistency.
         """
@@ -206,7 +206,7 @@ class OnlineFilter:
         sd: ArrayLike | None = None,
         fix: int | None = None,
     ) -> None:
-        """Take a fix; a late fix is used as if it had been on time.
+        """Process a fix; a late fix gives the same result as a punctual fix.
 
         Parameters
         ----------
@@ -225,11 +225,11 @@ class OnlineFilter:
         Raises
         ------
         InputError
-            The fix has another shape, is not finite, or is not in radians. It is not used.
+            The fix has a wrong shape, is not finite, or is not in radians. The fix is not used.
         """
-        at, place = _array("time", np.atleast_1d(time), (1,)), _array("lla", lla, (3,))
-        if abs(place[0]) > 0.5 * np.pi or abs(place[1]) > 2.0 * np.pi:
-            raise InputError("online.not_radians", where="gps", lla=tuple(place))
+        fix_time, position = _array("time", np.atleast_1d(time), (1,)), _array("lla", lla, (3,))
+        if abs(position[0]) > 0.5 * np.pi or abs(position[1]) > 2.0 * np.pi:
+            raise InputError("online.not_radians", where="gps", lla=tuple(position))
         sds, velocity = np.array([*DEFAULT_POSITION, *DEFAULT_VELOCITY]), np.full(3, np.nan)
         if sd is not None:
             size = 6 if np.size(sd) == 6 else 3
@@ -238,28 +238,28 @@ class OnlineFilter:
                 raise InputError("online.not_an_sd", where="gps", sd=tuple(sds[:size]))
         if v_n is not None:
             velocity = _array("v_n", v_n, (3,), known=False)
-        kind = np.array([5 if fix is None else fix])
-        at = at - self._delay  # the filter sees fixes without the specified delay
-        found = with_sd(GpsData(at, place[None], velocity[None], sds[None, :3], sds[None, 3:], kind))[0]
-        near, moment, gps = strapdown.TIME_TOLERANCE, float(found.time[0]), self._gps
-        first, after = gps.time.searchsorted([moment - near, moment + near])
+        fix_type = np.array([5 if fix is None else fix])
+        fix_time = fix_time - self._delay  # time of validity: remove the specified delay
+        new = with_sd(GpsData(fix_time, position[None], velocity[None], sds[None, :3], sds[None, 3:], fix_type))[0]
+        tolerance, moment, gps = strapdown.TIME_TOLERANCE, float(new.time[0]), self._gps
+        first, after = gps.time.searchsorted([moment - tolerance, moment + tolerance])
         late = self._last - moment
-        if first < after or (self._saved and (late > WINDOW or moment <= self._saved[0][0] + near)):
+        if first < after or (self._saved and (late > WINDOW or moment <= self._saved[0][0] + tolerance)):
             code = Code.ONLINE_FIX_REPEATED if first < after else Code.ONLINE_FIX_LATE
             self._record.event(Finding.of(code, moment, subject="gps", late_s=late, limit_s=WINDOW))
             return
         later = gps.rows(slice(first, None))
-        self._gps = gps.rows(slice(first)).joined(found).joined(later) if later.time.size else gps.joined(found)
+        self._gps = gps.rows(slice(first)).joined(new).joined(later) if later.time.size else gps.joined(new)
         if self._aligning or self._nav is None:
             return
-        if moment <= self._nav.done + near:
+        if moment <= self._nav.done + tolerance:  # the filter is already past this fix: repeat samples
             self._repeat(moment)
         else:
             self._nav.take_fixes(self._gps)
 
     @property
     def state(self) -> OnlineState:
-        """State at the newest sample that the filter has processed."""
+        """State after the newest sample that the filter has processed."""
         nav, findings = self._nav, tuple(self._record.found)
         if nav is None or self._aligning:
             cause: dict[str, Any] = {} if self._cause is None else {"cause": self._cause}
@@ -272,17 +272,17 @@ class OnlineFilter:
         variances(p, now.x, variance[0])
         deviations(np.array([nav.done]), np.zeros(1, np.int64), variance, self._axes_sd, rph, sd)
         lla, v_n, gyro_bias, accel_bias = np.split(np.concatenate([now.x[:6], now.correction[:6]]), 4)
-        found = lla, v_n, rph[0], gyro_bias, accel_bias, p[:STATES, :STATES].copy(), sd[0], now.lever.copy()
-        return OnlineState(True, nav.done, *found, self._delay + now.delay, findings)
+        estimates = lla, v_n, rph[0], gyro_bias, accel_bias, p[:STATES, :STATES].copy(), sd[0], now.lever.copy()
+        return OnlineState(True, nav.done, *estimates, self._delay + now.delay, findings)
 
     def _take(self, some: ImuData) -> None:
-        """Take samples without a long gap between them."""
+        """Process samples without a long gap between them; start a new alignment after a gap before them."""
         before, self._last = self._last, float(some.time[-1])
         gap = float(some.time[0]) - before
         if np.inf > gap > LONGEST_GAP:
             if not self._aligning:
                 self._ended = before
-            self._aligning, self._held, self._saved, self._recent = True, self._nothing, [], []
+            self._aligning, self._held, self._saved, self._recent = True, self._nothing, [], []  # start alignment
             self._gps = self._gps.rows(self._gps.time > before)
             self._record.event(Finding.of(Code.ONLINE_GAP, before, before + gap, gap_s=gap, limit_s=LONGEST_GAP))
         if not self._aligning:
@@ -291,13 +291,13 @@ class OnlineFilter:
         self._recent.append(some)
         if self._last >= self._retry and self._gps.time.size:
             self._retry = self._last + COAST
-            held, self._recent = _joined([self._held, *self._recent]), []
-            self._held = self._align(held)
+            collected, self._recent = _joined([self._held, *self._recent]), []
+            self._held = self._align(collected)
 
     def _align(self, held: ImuData) -> ImuData:
-        """Align with samples since the start, or since a gap, if they are sufficient; return those still needed."""
+        """Align with samples since the start, or since a gap, if sufficient; return samples still needed."""
         begin, first, gps = float(held.time[0]), self._nav is None, self._gps
-        if self._nominal is not None and not first:  # of the same part
+        if self._nominal is not None and not first:  # only fixes after the gap
             gps = gps.rows(gps.time >= begin - self._nominal)
         start, moving = self._start if first else None, None
         until = np.inf if self._static is None else self._static[1]
@@ -311,7 +311,7 @@ class OnlineFilter:
         if self._correlated is not None:
             receiver = replace(receiver, correlated=CorrelatedNoise.of_fixes(*self._correlated, gps.position_sd))
         try:
-            ready, found = prepare(
+            ready, findings = prepare(
                 *(held, gps, self._spec, receiver),
                 states=self._states,
                 known=GivenStart(start, self._static, self._heading if first else None),
@@ -320,27 +320,27 @@ class OnlineFilter:
             )
         except AlignmentError as error:
             self._cause = error.facts
-            return held if moving is None else held.rows(held.time > until)  # begin again with later data
-        self._aligning, self._nominal, at = False, ready.nominal, ready.alignment
-        methods = (at.level_method, at.sd[:2].max()), (at.heading_method, at.sd[2])
-        for each in (*found, *(Finding.of(Code(how), ready.initial.time, sd_rad=sd) for how, sd in methods)):
+            return held if moving is None else held.rows(held.time > until)  # try again with later data only
+        self._aligning, self._nominal, alignment = False, ready.nominal, ready.alignment
+        methods = (alignment.level_method, alignment.sd[:2].max()), (alignment.heading_method, alignment.sd[2])
+        for each in (*findings, *(Finding.of(Code(method), ready.initial.time, sd_rad=sd) for method, sd in methods)):
             self._record.event(each)
         if self._nav is None:
-            own = replace(ready, imu=self._nothing, output=Output(smooth=False))
-            self._nav, self._axes_sd = Navigator(own, record=self._record), ready.model.axes_sd
+            filter_input = replace(ready, imu=self._nothing, output=Output(smooth=False))
+            self._nav, self._axes_sd = Navigator(filter_input, record=self._record), ready.model.axes_sd
             self._saved = [(self._nav.done, -np.inf, self._nav.saved())]
         else:
-            self._nav.restart_at(Part(self._ended, at, ready.initial))
+            self._nav.restart_at(Part(self._ended, alignment, ready.initial))
             self._nav.take_fixes(self._gps)
         self._process(ready.imu)
         return self._nothing
 
     def _process(self, some: ImuData) -> None:
-        """Navigate samples, and keep states to go back to."""
+        """Navigate samples, and store states to which `_repeat` can return."""
         assert self._nav is not None
         nav, blocks = self._nav, [some]
         if some.time[-1] - some.time[0] > COAST:
-            edges = [0, *(np.flatnonzero(np.diff(some.time // COAST)) + 1).tolist(), None]
+            edges = [0, *(np.flatnonzero(np.diff(some.time // COAST)) + 1).tolist(), None]  # edges at multiples
             blocks = [some.rows(slice(*each)) for each in pairwise(edges)]
         for block in blocks:
             nav.feed(block)
@@ -348,18 +348,18 @@ class OnlineFilter:
             if not self._saved or nav.done >= self._saved[-1][0] + COAST:
                 self._saved.append((nav.done, float(block.time[-1]), nav.saved()))
                 while len(self._saved) > 1 and self._saved[1][0] < self._last - WINDOW:
-                    del self._saved[0]
+                    del self._saved[0]  # states that no fix can require any more
                 self._recent = [each for each in self._recent if each.time[-1] > self._saved[0][1]]
                 self._gps = self._gps.rows(self._gps.time >= self._saved[0][0])
 
     def _repeat(self, time: float) -> None:
-        """Go back to before a time [s], and navigate the samples since with all fixes."""
+        """Return to the last state stored before a time [s], and navigate the later samples again with all fixes."""
         assert self._nav is not None
-        while self._saved[-1][0] + strapdown.TIME_TOLERANCE >= time:
+        while self._saved[-1][0] + strapdown.TIME_TOLERANCE >= time:  # discard states after this time
             del self._saved[-1]
         done, newest, state = self._saved[-1]
-        found = self._record.found
-        self._record.found = [each for each in found if each.code.startswith("online.") or not each.begin > done]
+        findings = self._record.found
+        self._record.found = [each for each in findings if each.code.startswith("online.") or not each.begin > done]
         self._nav.go_back(state, self._gps)
         after = [each for each in self._recent if each.time[-1] > newest]
         self._recent = self._recent[: -len(after)]
@@ -372,7 +372,7 @@ def _joined(blocks: list[ImuData]) -> ImuData:
 
 
 def _array(name: str, values: ArrayLike, shape: tuple[int, ...] | None, *, known: bool = True) -> FloatArray:
-    """Copy numbers, finite ones if `known`, of a shape, by default (n,); one row may be one-dimensional."""
+    """Copy numbers, all finite if `known`, to an array of `shape`, by default (n,); one row may be one-dimensional."""
     try:
         array = np.array(values, dtype=np.float64)
     except (TypeError, ValueError) as error:

@@ -1,4 +1,4 @@
-"""North-pointing platform: a record of specific force, integrated by every integrator."""
+"""North-pointing platform: integration of recorded specific force by each of the integrators."""
 
 from __future__ import annotations
 
@@ -26,15 +26,15 @@ if TYPE_CHECKING:
 
 
 class PlatformReading(TypedDict, total=False):
-    """Further files of a platform, and how to read the specific force."""
+    """Further input files of `platform`, and how to read the specific force."""
 
-    heights: Given | None  # to damp the vertical channel
+    heights: Given | None  # heights that damp the vertical channel
     ref: Given | None  # reference trajectory
     # see `insnav.input.readers.specific_force.read_specific_force`
     axes: LevelAxes | None
     columns: Mapping[str, str] | None
     sample_rate: float | None
-    opened: Callable[[ReadingFacts], None]  # called with the interpretation of each file
+    opened: Callable[[ReadingFacts], None]  # called with the facts of each file once it is read
 
 
 def platform(
@@ -68,7 +68,7 @@ def platform(
     vertical : {"off", "free", "damped"}
         Vertical channel; ``damped`` needs `heights`.
     gravity : float, optional
-        Gravity of this size everywhere, straight down [m/s^2]; by default normal gravity.
+        Constant gravity, straight down [m/s^2]; by default normal gravity.
     interval : float
         Time between rows of the solutions [s].
     **reading
@@ -93,29 +93,29 @@ def platform(
     """
     _refuse_start(lat, lon, height, v_n)
     one_of("integrator", integrator, INTEGRATORS)
-    samples, given, reference = _read(force, reading)
-    if gravity is not None and not 9.5 < gravity < 10.0:  # NaN is not within either
+    samples, heights, reference = _read(force, reading)
+    if gravity is not None and not 9.5 < gravity < 10.0:  # refuses NaN, too
         raise ConfigError("platform.bad_gravity", where="--gravity", value=gravity)
     time, f_n = samples.data.time, samples.data.f_n
     if vertical != "off" and np.isnan(f_n[:, 2]).all():
         raise InputError("platform.no_vertical_axis", where=samples.facts.path, option=vertical)
-    of_platform = PlatformErrors(**errors or {})
+    sensor_errors = PlatformErrors(**errors or {})
     start = np.array([lat, (lon + np.pi) % (2.0 * np.pi) - np.pi, height])
-    how: dict[str, Any] = {"vertical": vertical, "gravity": gravity, "errors": of_platform}
-    how |= {"height": None if given is None else _heights(given.data, time)}
-    how |= {"every": max(1, round(interval / float(np.median(np.diff(time)))))}
-    runs = {name: navigate_platform(time, f_n, start, np.array(v_n), integrator=name, **how) for name in INTEGRATORS}
-    study = PlatformStudy(integrator, runs, of_platform, None if reference is None else reference.data)
-    named = {"force": samples, "height": given, "ref": reference}
-    facts = {name: each.facts for name, each in named.items() if each is not None}
+    inputs: dict[str, Any] = {"vertical": vertical, "gravity": gravity, "errors": sensor_errors}
+    inputs |= {"height": None if heights is None else _heights(heights.data, time)}
+    inputs |= {"every": max(1, round(interval / float(np.median(np.diff(time)))))}
+    runs = {name: navigate_platform(time, f_n, start, np.array(v_n), integrator=name, **inputs) for name in INTEGRATORS}
+    study = PlatformStudy(integrator, runs, sensor_errors, None if reference is None else reference.data)
+    readings = {"force": samples, "height": heights, "ref": reference}
+    facts = {name: each.facts for name, each in readings.items() if each is not None}
     options = {"lat": lat, "lon": lon, "height": height, "v_n": v_n, "integrator": integrator, "vertical": vertical}
-    options |= {"gravity": gravity, "interval": interval, **asdict(of_platform)}
+    options |= {"gravity": gravity, "interval": interval, **asdict(sensor_errors)}
     findings = (*_assumptions(study), *samples.facts.evidence, *samples.events)
     return Result("platform", study, facts, options, findings=findings)
 
 
 def demonstrate() -> Result[Demonstration]:
-    """Compare the integrators on a known flight, and a platform with a strapdown navigator of equal errors."""
+    """Compare the integrators on a known flight, and a platform with a strapdown navigator that has equal errors."""
     sizes = {"heading_rad": ERRORS.tilt[2], "drift_rad_s": ERRORS.drift[0], "bias_m_s2": ERRORS.bias[0]}
     errors = Finding.of(Code.PLATFORM_DEMO_ERRORS, **sizes)
     findings = errors, Finding.of(Code.PLATFORM_DEMO_FOURTH), Finding.of(Code.PLATFORM_FIRST_ORDER)
@@ -130,22 +130,22 @@ def _refuse_start(lat: float, lon: float, height: float, v_n: Sequence[float]) -
         *((name, each, -1e4, 1e4, "m/s") for name, each in zip(("--v-north", "--v-east", "--v-up"), v_n, strict=True)),
     )
     for option, value, low, high, unit in limits:
-        if not low <= value <= high:  # NaN is not within either
+        if not low <= value <= high:  # refuses NaN, too
             raise ConfigError("platform.out_of_range", where=option, value=value, low=low, high=high, unit=unit)
 
 
 def _read(
     force: Given, how: PlatformReading
 ) -> tuple[Reading[SpecificForce], Reading[Heights] | None, Reading[Trajectory] | None]:
-    """Read specific force along level axes, heights, and a reference; the small files first."""
+    """Read specific force along level axes, heights, and a reference, small files first, to report errors early."""
     heights, ref, sample_rate, opened = how.get("heights"), how.get("ref"), how.get("sample_rate"), how.get("opened")
     if sample_rate is not None and not 0.1 <= sample_rate <= 1e5:
         raise ConfigError("platform.bad_rate", where="--sample-rate", value=sample_rate)
     one_from_stdin({"FORCE_FILE": force, "--height-input": heights, "--ref": ref})
     height = None if heights is None else read_heights(samples_source(heights, None))
     reference = None if ref is None else read_ref(ref, {})
-    named: Any = {"axes": how.get("axes"), "columns": how.get("columns")}
-    samples = read_specific_force(samples_source(force, None), sample_rate=sample_rate, **named)
+    options: Any = {"axes": how.get("axes"), "columns": how.get("columns")}
+    samples = read_specific_force(samples_source(force, None), sample_rate=sample_rate, **options)
     for each in (samples, height, reference):
         if each is not None and opened is not None:
             opened(each.facts)

@@ -1,4 +1,4 @@
-"""Conversion of input data (files, tables, arrays, insnav's own types) to a recording."""
+"""Conversion of input data (files, tables, arrays, or types of insnav) to a recording."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, Literal, TypeAlias, TypeVar, cast, get_ar
 
 import numpy as np
 
-from insnav import imu as sensors  # its calibration files are imported on use: 10 ms
+from insnav import imu as sensors  # the package imports its calibration module on use, which saves 10 ms
 from insnav.exceptions import KEYWORDS, ConfigError, InputError, InsnavError
 from insnav.input import Reading, ReadingFacts, read_gps, read_imu, read_reference
 from insnav.input.formats.conventions import ACCEL, GYRO
@@ -49,18 +49,18 @@ class NamedInputs(Inputs, total=False):
 KEYWORDS["--imu"] = "imu"
 T = TypeVar("T", ImuData, GpsData, Trajectory)
 _KINDS = {"IMU": IMU_KINDS, "GPS": GPS_KINDS, "reference": REFERENCE_KINDS}
-MOST_FIXES = 0.5  # largest share of sample rows with a new fix
+MOST_FIXES = 0.5  # largest share of rows with a new fix: with more, the file is a solution
 _DESCRIBING = ("axes", "units", "columns", "sampling", "stamp")
 
 
 def by_name(inputs: NamedInputs) -> Inputs:
-    """Rename the inputs for `Inputs`; ``imu_model`` is deprecated until 0.5."""
-    known: dict[str, Any] = {**inputs}
-    if known.get("imu_model") is not None:
+    """Rename ``imu`` to ``imu_model``, as in `Inputs`; warn if ``imu_model``, deprecated until 0.5, was used."""
+    renamed: dict[str, Any] = {**inputs}
+    if renamed.get("imu_model") is not None:
         warnings.warn("imu_model is deprecated and ends with version 0.5: use imu", DeprecationWarning, stacklevel=3)
-    if (given := known.pop("imu", None)) is not None:
-        known["imu_model"] = given
-    return cast(Inputs, known)
+    if (specification := renamed.pop("imu", None)) is not None:
+        renamed["imu_model"] = specification
+    return cast(Inputs, renamed)
 
 
 def read(
@@ -68,7 +68,7 @@ def read(
 ) -> Recording:
     """Read a drive, small files first, to report their errors early.
 
-    `run`: to be navigated, so that the lack of any position, reported later, is more important than the axes.
+    `run`: the recording will be navigated, so a lack of any position, reported later, has priority over unknown axes.
 
     Raises: ConfigError, InputError: invalid inputs or data; `where` names the input.
     """
@@ -76,32 +76,32 @@ def read(
     given_logs = inputs.get("logs") or {}
     options = {LOGS[name].option: source for name, source in given_logs.items()}
     one_from_stdin({"IMU_FILE": imu, "--gps": gps, "--ref": ref, **options})
-    given = _parts({"imu": imu, "gps": gps, "reference": ref}, inputs)
-    if gps is None and given["gps"] is given["imu"]:
-        fixes = _fixes_beside(given["imu"], inputs)
+    sources = _parts({"imu": imu, "gps": gps, "reference": ref}, inputs)
+    if gps is None and sources["gps"] is sources["imu"]:
+        fixes = _fixes_beside(sources["imu"], inputs)
     else:
-        fixes = None if given["gps"] is None else _read_gps(given["gps"], inputs)
-    reference = None if given["reference"] is None else read_ref(given["reference"], inputs)
+        fixes = None if sources["gps"] is None else _read_gps(sources["gps"], inputs)
+    reference = None if sources["reference"] is None else read_ref(sources["reference"], inputs)
     logs = {name: read_sensor_log(_table(log), name) for name, log in given_logs.items()}
     nowhere = run and reference is None and inputs.get("lat") is None
-    samples = read_samples(given["imu"], inputs, "drive" if fixes is not None or nowhere else None)
+    samples = read_samples(sources["imu"], inputs, "drive" if fixes is not None or nowhere else None)
     return Recording(samples, fixes, reference, logs, inputs)
 
 
 def _fixes_beside(imu: Any, inputs: Inputs) -> Reading[GpsData] | None:
-    """Read fixes in the rows of the samples; None if most rows have new ones: a solution, usable with --gps."""
+    """Read fixes in the rows of the samples; None for a solution, with new fixes in most rows (usable with --gps)."""
     clock = {key: header for key, header in (inputs.get("columns") or {}).items() if key == "time"}
     inputs = {**inputs, "gps_columns": inputs.get("gps_columns") or clock}
-    with suppress(InputError):  # no fixes were specified
-        found = _read_gps(imu, inputs)
-        return found if found.facts.n_used < MOST_FIXES * found.facts.n_rows else None
+    with suppress(InputError):  # without fixes there is no error, as none were specified
+        fixes = _read_gps(imu, inputs)
+        return fixes if fixes.facts.n_used < MOST_FIXES * fixes.facts.n_rows else None
     return None
 
 
 def _parts(sources: Mapping[str, Any], inputs: Inputs) -> dict[str, Any]:
-    """Return the table of each file: ``imu``, ``gps``, ``reference``; a log with samples and fixes gives both.
+    """Return the table of each part: ``imu``, ``gps``, ``reference``; a log with samples and fixes gives two tables.
 
-    A folder also gives a reference from a separate file: a reference in a log comes from the logging device.
+    A reference is used only from a separate file of a folder: in a log, it comes from the logging device itself.
     """
     logs = {str(each): open_parts(each) for each in sources.values() if isinstance(each, str | Path)}
     if not logs:
@@ -114,8 +114,8 @@ def _parts(sources: Mapping[str, Any], inputs: Inputs) -> dict[str, Any]:
     ):
         given["gps"] = given["imu"]
     parts = logs.get(str(given["imu"]), {})
-    own = {"imu", "reference"} <= parts.keys() and parts["reference"].name != parts["imu"].name
-    if given.get("reference", "") is None and own:
+    has_reference = {"imu", "reference"} <= parts.keys() and parts["reference"].name != parts["imu"].name
+    if given.get("reference", "") is None and has_reference:
         given["reference"] = given["imu"]
     for part, each in given.items():
         if isinstance(each, str | Path):
@@ -141,7 +141,7 @@ def _topics(inputs: Inputs, parts: Sequence[str]) -> list[str]:
 
 
 def one_from_stdin(sources: Mapping[str, object]) -> None:
-    """Refuse to take two files from standard input, which can be read only once."""
+    """Refuse two files from standard input, which can be read only once."""
     names = [name for name, source in sources.items() if isinstance(source, str | Path) and str(source) == "-"]
     if len(names) > 1:
         raise ConfigError("session.one_from_stdin", where=", ".join(names))
@@ -150,17 +150,17 @@ def one_from_stdin(sources: Mapping[str, object]) -> None:
 def read_samples(imu: Given | Table | ImuData, inputs: Inputs, use: Use | None = None) -> Reading[ImuData]:
     """Read the samples and correct known errors.
 
-    The calibration converts volts and counts to rates and specific forces. `use`: see `read_imu`.
+    A calibration file also converts volts and counts to rates and specific forces. `use`: see `read_imu`.
     """
     calibration = inputs.get("calibration")
-    known = None if calibration is None else sensors.load_calibration(Path(calibration))
+    errors = None if calibration is None else sensors.load_calibration(Path(calibration))
     if isinstance(imu, ImuData):
         described = [key for key in _DESCRIBING if inputs.get(key) is not None]
         if described:
             raise ConfigError("session.described_twice", where=described[0])
         reading = in_memory(imu, "IMU")
     else:
-        raw = [] if known is None else [("gyro", known.gyro_raw), ("accel", known.accel_raw)]
+        raw = [] if errors is None else [("gyro", errors.gyro_raw), ("accel", errors.accel_raw)]
         attrs = getattr(imu, "attrs", {})
         reading = _tried(
             read_imu,
@@ -172,7 +172,7 @@ def read_samples(imu: Given | Table | ImuData, inputs: Inputs, use: Use | None =
             **{key: inputs.get(key, attrs.get(key)) for key in ("sampling", "stamp", "accel_sign")},
             use=use,
         )
-    return reading if known is None else replace(reading, data=sensors.correct(reading.data, known))
+    return reading if errors is None else replace(reading, data=sensors.correct(reading.data, errors))
 
 
 def _read_gps(gps: Given | GpsData, inputs: Inputs) -> Reading[GpsData]:
@@ -182,7 +182,7 @@ def _read_gps(gps: Given | GpsData, inputs: Inputs) -> Reading[GpsData]:
 
 
 def read_ref(reference: Given | Trajectory, inputs: Inputs) -> Reading[Trajectory]:
-    """Read a reference, specified as for `insnav.load`."""
+    """Read a reference trajectory, specified as for `insnav.load`."""
     if isinstance(reference, Trajectory):
         return in_memory(reference, "reference")
     return _tried(read_reference, _table(reference), "ref_columns", inputs)
@@ -196,16 +196,16 @@ def _tried(
     **how: Any,
 ) -> Reading[T]:
     """Read a file. Errors name the input with its columns, and suggest only columns that can be read."""
-    given = inputs.get(columns) or {}
+    given_columns = inputs.get(columns) or {}
     try:
-        return reader(source, columns=given, **how)
+        return reader(source, columns=given_columns, **how)
     except InsnavError as error:
         hint = error.gives.get("columns")
         if hint and {"meant", "guess"} & error.values.keys():
             try:
-                reader(source, columns={**given, **hint}, **how)
+                reader(source, columns={**given_columns, **hint}, **how)
             except InsnavError as other:
-                if not other.gives or "columns" in other.gives:  # otherwise the columns lead to a further input
+                if not other.gives or "columns" in other.gives:  # otherwise only another input is missing
                     error.withdraw_columns()
         error.where = re.sub(r"^columns\b", columns, error.where)
         if "option" in error.values:
@@ -215,7 +215,7 @@ def _tried(
 
 
 def samples_source(imu: Given | Table, rate: float | None) -> str | Path | Table:
-    """Return samples as file or table; arrays are time [s], gyro [rad/s], accel [m/s^2], or without time by `rate`."""
+    """Return samples as file or table; arrays are time [s], gyro [rad/s], accel [m/s^2]; no time with `rate`."""
     if isinstance(imu, str | Path | Table) or is_frame(imu):
         table = _table(imu)
         return table if rate is None else _timed(open_table(table, "imu"), rate)
@@ -255,9 +255,9 @@ def _table(given: Given | Table) -> str | Path | Table:
 
 
 def _numbers(name: str, series: pd.Series[Any]) -> FloatArray:
-    """Convert a column of a data frame to numbers, times in seconds; NaN for a column of remarks.
+    """Convert a column of a data frame to numbers (n,), times to seconds, and a column of texts to NaN.
 
-    Raises: InputError: text among the numbers of a column.
+    Raises: InputError: the column has both numbers and texts.
     """
     if getattr(series.dtype, "tz", None) is not None:
         series = series.dt.tz_convert(None)
@@ -280,8 +280,8 @@ def _numbers(name: str, series: pd.Series[Any]) -> FloatArray:
 
 
 def is_frame(given: object) -> TypeIs[pd.DataFrame]:
-    """Return whether data are a data frame."""
-    return hasattr(given, "columns") and hasattr(given, "to_numpy")  # pandas takes a third of a second to import
+    """Return whether data are a pandas data frame."""
+    return hasattr(given, "columns") and hasattr(given, "to_numpy")  # importing pandas takes a third of a second
 
 
 def named_columns(headers: tuple[str, ...], numbers: FloatArray) -> Table:
@@ -291,7 +291,7 @@ def named_columns(headers: tuple[str, ...], numbers: FloatArray) -> Table:
 
 
 def _sound(data: ImuData | GpsData | Trajectory) -> None:
-    """Reject arrays of wrong shape or unit, NaN values and meaningless strings."""
+    """Reject arrays of wrong shape or unit, NaN values and unknown texts."""
     n, kind = len(data.time), type(data).__name__
     for name in ("gyro", "accel") if isinstance(data, ImuData) else ("lla", "v_n"):
         shape = np.shape(getattr(data, name))
@@ -300,10 +300,10 @@ def _sound(data: ImuData | GpsData | Trajectory) -> None:
     if isinstance(data, ImuData):
         one_of("sampling", data.sampling, get_args(Sampling))
         one_of("stamp", data.stamp, get_args(Stamp))
-        known = bool(np.isfinite(data.gyro).all() and np.isfinite(data.accel).all())
+        valid = bool(np.isfinite(data.gyro).all() and np.isfinite(data.accel).all())
     else:
-        known = bool(np.isfinite(data.lla).all()) and float(np.max(np.abs(data.lla[:, 0]), initial=0.0)) <= np.pi / 2
-    if not known:
+        valid = bool(np.isfinite(data.lla).all()) and float(np.max(np.abs(data.lla[:, 0]), initial=0.0)) <= np.pi / 2
+    if not valid:
         raise ConfigError("session.impossible_numbers", where=kind)
     if isinstance(data, GpsData):
         for name in ("position_sd", "velocity_sd"):
@@ -312,7 +312,7 @@ def _sound(data: ImuData | GpsData | Trajectory) -> None:
 
 
 def in_memory(data: T, kind: str, name: str = "data in memory") -> Reading[T]:
-    """Wrap data that need no interpretation as a reading.
+    """Check data that need no interpretation, and wrap them as a reading.
 
     `kind` {"IMU", "GPS", "reference"}.
     """

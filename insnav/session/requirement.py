@@ -1,4 +1,4 @@
-"""Inverse error budget: the IMU that a limit requires."""
+"""Inverse error budget: the IMU quality that a limit on the position error requires."""
 
 from __future__ import annotations
 
@@ -25,26 +25,26 @@ from insnav.simulate.recording import MOTION_STREAM
 from insnav.simulate.truth import Truth, straight
 from insnav.steps.given import one_of
 
-BEFORE = 300.0  # GPS before the outage, if the motion is long enough [s]
-OUTAGES = 5  # spread over a motion
-LEAST_BEFORE = 60.0  # GPS in motion before the first outage [s]
-LONGEST_PARTS = 600.0  # longest outage with an evaluation of real IMUs [s]
+BEFORE = 300.0  # time with GPS before the outage, if the motion is long enough [s]
+OUTAGES = 5  # number of outages, spread over a motion
+LEAST_BEFORE = 60.0  # time with GPS between first movement and first outage [s]
+LONGEST_PARTS = 600.0  # longest outage for which real IMUs are evaluated [s]
 
 
 @dataclass(frozen=True, slots=True)
 class RequirementSettings:
-    """Settings of a requirement."""
+    """Settings of a requirement on an IMU, see `require`."""
 
-    probability: float = 0.95  # of an error within the limit
+    probability: float = 0.95  # required probability that the error is within the limit
     component: Component = "horizontal"  # component of the position error
     begin: float | None = None  # end of GPS after the start of the motion [s]; None: after `BEFORE`
-    cost: Mapping[str, float] | None = None  # weight of an error family in the set, default 1
-    runs: int = 500  # simulated runs that verify the set; 0: none
+    cost: Mapping[str, float] | None = None  # weight of each error family in the allocation; 1 by default
+    runs: int = 500  # simulated runs that verify the allocated errors; 0: none
     seed: int = 1  # random seed
 
 
 class RequirementOptions(TypedDict, total=False):
-    """`RequirementSettings` by name."""
+    """Settings of a requirement by name, see `RequirementSettings`."""
 
     probability: float
     component: Component
@@ -56,11 +56,11 @@ class RequirementOptions(TypedDict, total=False):
 
 @dataclass(frozen=True, slots=True)
 class Moving:
-    """Motion for a requirement."""
+    """Motion on which an IMU must meet a requirement."""
 
     truth: Truth
     description: str
-    moves: bool = True  # not at rest
+    moves: bool = True  # False for a motion at rest
 
 
 def require(
@@ -119,14 +119,14 @@ def settings_of(options: RequirementOptions) -> RequirementSettings:
 
 
 def requirement_of(error: str | float, after: str | float, settings: RequirementSettings) -> Requirement:
-    """Build a requirement from limit and time, as texts with units or SI values."""
+    """Build a requirement from limit `error` and time `after`, each a text with a unit or an SI value."""
     limit = parse_quantity(error, "length", where="--error") if isinstance(error, str) else float(error)
     time = parse_quantity(after, "time", where="--after") if isinstance(after, str) else float(after)
     return Requirement(limit, time, settings.probability, settings.component)
 
 
 def moving(profile: str | None, settings: RequirementSettings, after: float) -> Moving:
-    """Build the motion of a profile, or rest."""
+    """Build the motion of a profile, or a motion at rest."""
     if profile is None:
         truth: Truth = straight(REST, 0.0, 0.0, BEFORE + max(after, LONGEST_FREE) + 1.0)
         return Moving(truth, "at rest, level, heading north, at a latitude of 45 deg", moves=False)
@@ -154,18 +154,18 @@ def study_of(
     workers: Workers = 1,
     progress: Callable[[float], None] | None = None,
 ) -> Result[RequirementStudy]:
-    """Compute a requirement on a motion."""
+    """Allocate the errors that a requirement permits on a motion, verify them, and compare real IMUs."""
     begin = outage_begin(motion, required.after, settings.begin)
     window = sampled(motion.truth, begin, required.after, f"{motion.description}, GPS ends at {begin:g} s")
-    hold = required.after > LONGEST_FREE
+    hold = required.after > LONGEST_FREE  # constrain the vertical channel before it becomes unstable
     if hold and required.component != "horizontal":
         raise ConfigError("require.vertical_unstable", where="--component", limit_s=LONGEST_FREE)
     found = allocate(required, window, given=given, cost=settings.cost, hold=hold)
     verified: tuple[Verified, ...] = ()
     if settings.runs and found.feasible:
-        how: Any = {"hold": hold, "workers": workers, "progress": progress}
+        options: Any = {"hold": hold, "workers": workers, "progress": progress}
         verified = tuple(
-            studies.verify(required, found.spec, window, settings.runs, settings.seed, factor=factor, **how)
+            studies.verify(required, found.spec, window, settings.runs, settings.seed, factor=factor, **options)
             for factor in (1.0, studies.LARGER)
         )
     study = RequirementStudy(required, window.description, "" if given is None else given.name, found, hold, verified)
@@ -187,19 +187,19 @@ def outages(motion: Moving, after: float, begin: float, settings: RequirementSet
 def with_parts(
     study: RequirementStudy, motion: Moving, begins: Sequence[float], given: ImuSpec | None
 ) -> RequirementStudy:
-    """Add the real IMUs that meet a requirement, useful aiding for the others, and the dominant figures."""
+    """Add real IMUs evaluated against a requirement, and remedies and dominant errors of an example IMU."""
     required = study.required
-    moved = studies.propagation(motion.truth, begins, max(required.after, LONGEST_FREE))
-    listed = studies.candidates(required, moved, parts())
-    failing = [each for each in listed if each.alone.error > required.error]
-    part = find_part((failing or listed[-1:])[0].name if given is None else given.name)
+    propagated = studies.propagation(motion.truth, begins, max(required.after, LONGEST_FREE))
+    candidates = studies.candidates(required, propagated, parts())
+    failing = [each for each in candidates if each.alone.error > required.error]
+    part = find_part((failing or candidates[-1:])[0].name if given is None else given.name)
     spec = given
     if part is not None and (given is None or given.name == part.name):
         spec, _ = completed(part, load_imu(part.grade))
     assert spec is not None
-    helps, elasticities = studies.remedies(required, moved, spec, part)
-    at_end, through = studies.aided_covariances(moved, [spec])
-    last = min(max(round(required.after), 1), moved.length)
-    shares = studies.start_shares(moved, at_end[:, 0], through[:, 0], required.axes, last)
-    study = replace(study, begins=moved.begins, time=moved.after, candidates=listed, example=spec.name)
-    return replace(study, remedies=helps, elasticities=elasticities, shares=shares)
+    remedies, elasticities = studies.remedies(required, propagated, spec, part)
+    at_end, through = studies.aided_covariances(propagated, [spec])
+    last = min(max(round(required.after), 1), propagated.length)
+    shares = studies.start_shares(propagated, at_end[:, 0], through[:, 0], required.axes, last)
+    study = replace(study, begins=propagated.begins, time=propagated.after, candidates=candidates, example=spec.name)
+    return replace(study, remedies=remedies, elasticities=elasticities, shares=shares)

@@ -1,4 +1,4 @@
-"""Simulated drive: an exactly known motion, measured by sensors sampled from their specifications."""
+"""Simulated drive: an exactly known motion, measured by sensors that are sampled from their specifications."""
 
 from __future__ import annotations
 
@@ -44,15 +44,15 @@ class SimulationOptions(TypedDict, total=False):
     seed: int  # random seed
     run: int | None  # number of a run in the series of this seed; by default no series
     rate: float  # samples per second [Hz]
-    sampling: Sampling  # type of a sample
+    sampling: Sampling  # type of a sample: mean, instantaneous value or increment
     faults: Sequence[str]  # simulated faults: ``gps-outage@200s+30s``
-    temperature: tuple[float, float] | None  # of the IMU at the start and at the end [deg C]
-    gravity: Literal["full", "plumb", "linear"]  # full, without north component, or linear in height
+    temperature: tuple[float, float] | None  # IMU temperature at the start and at the end [deg C]
+    gravity: Literal["full", "plumb", "linear"]  # gravity model; see `insnav.simulate.truth.Truth`
 
 
 @dataclass(frozen=True, slots=True)
 class Motion:
-    """Motion to be measured."""
+    """Motion that the simulated sensors measure."""
 
     name: str
     purpose: str
@@ -76,11 +76,11 @@ class Plan:
     imu: ImuSpec | None
     gps: GpsSpec | None
     seed: int = 1  # random seed
-    rate: float = 100.0  # of the IMU [Hz]
-    sampling: Sampling = "mean"  # type of its samples
+    rate: float = 100.0  # sampling rate of the IMU [Hz]
+    sampling: Sampling = "mean"  # type of the IMU samples
     faults: tuple[Fault, ...] = ()  # simulated faults
-    temperature: tuple[float, float] | None = None  # of the IMU at the start and at the end [deg C]
-    configuration: Mapping[str, Any] = field(default_factory=dict)  # specified options
+    temperature: tuple[float, float] | None = None  # IMU temperature at the start and at the end [deg C]
+    configuration: Mapping[str, Any] = field(default_factory=dict)  # options as the user specified them
 
     @property
     def truth(self) -> Truth:
@@ -88,7 +88,7 @@ class Plan:
         return self.motion.truth
 
     def measured(self) -> Recording:
-        """Measure the motion once."""
+        """Simulate the sensor data of the motion."""
         perfect = perfect_imu(self.truth, self.rate, self.sampling)
         return simulate_recording(
             self.truth,
@@ -129,18 +129,18 @@ def simulate(
     rate : float
         Samples per second [Hz].
     sampling : {"mean", "instant", "increment"}
-        Type of a sample.
+        Mean over the interval, value at an instant, or integral over the interval.
     faults : sequence of str
         Simulated faults, such as ``gps-outage@200s+30s``.
     temperature : (float, float), optional
-        Of the IMU at the start and at the end [deg C].
+        Temperature of the IMU at the start and at the end [deg C].
     gravity : {"full", "plumb", "linear"}
-        Full, without north component, or linear in height.
+        Normal gravity: full, without its north component, or also linear in height.
 
     Returns
     -------
     Drive
-        Same numbers as ``insnav simulate`` before it writes files.
+        Drive with the same numbers as ``insnav simulate`` has before it writes files.
 
     Raises
     ------
@@ -155,12 +155,12 @@ def simulate(
     options: SimulationOptions = {"imu": imu, "gps": gps, "seed": seed, "run": run, "rate": rate, "sampling": sampling}
     options |= {"faults": faults, "temperature": temperature, "gravity": gravity}
     plan = plan_of(profiled(profile, seed), options)
-    made = plan.measured()
-    inputs: Inputs = {"imu_model": plan.imu, "lever_arm": made.lever_b}
+    measured = plan.measured()
+    inputs: Inputs = {"imu_model": plan.imu, "lever_arm": measured.lever_b}
     recording = steps.Recording(
-        in_memory(made.imu, "IMU", f"simulated {plan.motion.name}"),
-        in_memory(made.gps, "GPS", f"simulated {plan.motion.name}"),
-        in_memory(made.reference, "reference", "exact motion"),
+        in_memory(measured.imu, "IMU", f"simulated {plan.motion.name}"),
+        in_memory(measured.gps, "GPS", f"simulated {plan.motion.name}"),
+        in_memory(measured.reference, "reference", "exact motion"),
         {},
         inputs,
     )
@@ -168,11 +168,11 @@ def simulate(
 
 
 def plan_of(motion: Motion, options: SimulationOptions, configuration: Mapping[str, Any] | None = None) -> Plan:
-    """Look up the models of a simulation; see `SimulationOptions`."""
+    """Complete the input of a simulation: look up sensor models and faults; see `SimulationOptions`."""
     imu, gps = options.get("imu", "consumer"), options.get("gps", "single")
     seed, run = options.get("seed", 1), options.get("run")
-    dataclass_of: Any = motion.truth  # every truth is a dataclass, which its base class cannot declare
-    truth: Truth = replace(dataclass_of, gravity=options.get("gravity", "full"))
+    dataclass_truth: Any = motion.truth  # typed as Any: each truth is a dataclass, but its base class is not
+    truth: Truth = replace(dataclass_truth, gravity=options.get("gravity", "full"))
     return Plan(
         replace(motion, truth=truth),
         imu if isinstance(imu, ImuSpec) else None if imu == IDEAL else load_imu(imu),
@@ -200,10 +200,10 @@ def replica(source: Path) -> Motion:
     track = source
     if source.is_dir():
         names = [f"{stem}.{kind}" for stem in ("smoothed", "solution") for kind in ("csv", "parquet")]
-        found = next((source / name for name in names if (source / name).is_file()), None)
-        if found is None:
+        solution_file = next((source / name for name in names if (source / name).is_file()), None)
+        if solution_file is None:
             raise InputError("session.no_solution", where=str(source), names=tuple(names))
-        track = found
+        track = solution_file
     reading = read_reference(track)
     truth = truth_from_track(reading.data)
     name = f"replica of {source.name or source.resolve().name}"

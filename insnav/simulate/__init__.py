@@ -4,9 +4,9 @@
                               -> gps_from_truth -> corrupt_gps
                               -> reference
 
-A truth consists of two curves, position and attitude; all other quantities are derived from them. `straight` and
-`circle` are truths in closed form; `insnav.simulate.motion` builds them from motion profiles, `truth_from_track` from
-recorded tracks.
+A truth consists of two curves over time, position and attitude, from which all other quantities are derived. `straight`
+and `circle` are truths in closed form. `insnav.simulate.motion` builds truths from motion profiles, and
+`truth_from_track` from recorded tracks.
 
 The package itself can be called: ``insnav.simulate("city", imu="automotive")`` is `insnav.session.simulation.simulate`.
 """
@@ -53,7 +53,7 @@ __all__ = [
 
 
 class _Simulate(ModuleType):
-    """Package that is callable like the function of its name."""
+    """Package that can be called like `insnav.session.simulation.simulate`."""
 
     def __call__(self, profile: str | Path, **options: Unpack[SimulationOptions]) -> Drive:
         """Simulate a drive; see `insnav.session.simulation.simulate`."""
@@ -63,7 +63,7 @@ class _Simulate(ModuleType):
 
     @property
     def __signature__(self) -> inspect.Signature:
-        """Signature of the function, for editors that look at the object."""
+        """Signature of the function, for editors that inspect the package."""
         from insnav.session.simulation import simulate
 
         return inspect.signature(simulate)

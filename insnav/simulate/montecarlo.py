@@ -1,9 +1,8 @@
-"""Repetition of a task with other random numbers on several processors, with reproducible results.
+"""Repetition of a task with different random numbers on several processors, with reproducible results.
 
-Every run has a seed that depends on its number alone; results are taken in the order of the numbers. The outcome thus
-does not depend on engine or interruptions. Only the figures of each run are stored; series are summed as they arrive,
-so memory does not grow with the number of runs. A `Checkpoint` stores the progress of a series, to continue after a
-stop.
+Each run has a seed that depends only on its number, and results are processed in the order of these numbers. The
+results thus do not depend on engine or interruptions. Figures are stored for each run. Time series are only summed over
+the runs, to save memory. A `Checkpoint` stores the progress of a series, to continue after a stop.
 """
 
 from __future__ import annotations
@@ -27,7 +26,7 @@ from insnav.findings import ErrorFacts
 from insnav.types import FloatArray, IntArray
 
 KEEP_EVERY = 2.0  # interval of storing progress on disk [s]
-_SEED_BITS = 53  # largest integers of JSON readers
+_SEED_BITS = 53  # size of a seed [bits]: JSON readers represent larger integers inexactly
 _ARRAYS = ("number", "seed", "figures", "total")
 
 
@@ -47,9 +46,9 @@ class Runs:
     # (n,) number, from 1, and seed of the successful runs
     number: IntArray
     seed: IntArray
-    figures: FloatArray  # (n, k) their figures
-    total: FloatArray  # sum of their series
-    failures: tuple[Failure, ...]  # failed runs
+    figures: FloatArray  # (n, k) figures of the successful runs
+    total: FloatArray  # sum of the series of the successful runs
+    failures: tuple[Failure, ...]  # runs that ended in an error
 
     @property
     def done(self) -> int:
@@ -73,7 +72,7 @@ class Runs:
 
 @dataclass(frozen=True, slots=True)
 class Checkpoint:
-    """File of the progress, with a key of everything the runs depend on: another key is refused."""
+    """File of the progress, with a key of all inputs of the runs. A file with another key is refused."""
 
     path: Path
     key: str
@@ -81,28 +80,28 @@ class Checkpoint:
     def save(self, runs: Runs) -> None:
         """Replace the file atomically: after any interruption it is unchanged or complete."""
         failures = np.array(json.dumps([(each.number, each.seed, each.error.as_dict()) for each in runs.failures]))
-        aside = self.path.with_name(f"{self.path.name}.new")
+        temporary = self.path.with_name(f"{self.path.name}.new")
         arrays = {name: getattr(runs, name) for name in _ARRAYS}
         with writing("sim.progress_unwritable", self.path):
             try:
-                with aside.open("wb") as file:
+                with temporary.open("wb") as file:
                     np.savez(file, key=np.array(self.key), failures=failures, **arrays)
                     file.flush()
                     os.fsync(file.fileno())
-                aside.replace(self.path)
-            finally:  # also after a signal
-                aside.unlink(missing_ok=True)
+                temporary.replace(self.path)
+            finally:  # delete it also when a signal interrupts the program
+                temporary.unlink(missing_ok=True)
 
     def load(self) -> Runs | None:
-        """Read the file; None without a file. A file of other runs, or of another program, is refused."""
+        """Read the file; None if there is none. A file of another series or another program is refused."""
         try:
-            # opened here: numpy does not close an invalid file
+            # open the file here, as numpy does not close an invalid file
             with self.path.open("rb") as stream, np.load(stream, allow_pickle=False) as file:
-                held = {name: file[name] for name in file.files}
-            key, failures = str(held["key"]), json.loads(str(held["failures"]))
-            arrays: Any = {name: held[name] for name in _ARRAYS}
+                loaded = {name: file[name] for name in file.files}
+            key, failures = str(loaded["key"]), json.loads(str(loaded["failures"]))
+            arrays: Any = {name: loaded[name] for name in _ARRAYS}
             failed = tuple(Failure(run, seed, ErrorFacts.from_dict(error)) for run, seed, error in failures)
-            found = Runs(**arrays, failures=failed)
+            runs = Runs(**arrays, failures=failed)
         except FileNotFoundError:
             return None
         except (OSError, ValueError, KeyError, TypeError, EOFError, zipfile.BadZipFile) as error:
@@ -110,10 +109,10 @@ class Checkpoint:
             raise ConfigError("sim.progress_unreadable", where=str(self.path), reason=reason) from error
         if key != self.key:
             raise ConfigError("sim.other_series", where=str(self.path))
-        return found
+        return runs
 
     def remove(self) -> None:
-        """Delete the progress."""
+        """Delete the file."""
         with contextlib.suppress(OSError):
             self.path.unlink(missing_ok=True)
 
@@ -122,8 +121,8 @@ class Checkpoint:
 class Sample:
     """Outcome of one run."""
 
-    figures: FloatArray  # (k,) stored for every run
-    series: FloatArray  # summed over the runs: of equal shape, without NaN
+    figures: FloatArray  # (k,) values stored for every run
+    series: FloatArray  # summed over the runs: the same shape in each run, without NaN
 
 
 class Task(Protocol):
@@ -135,8 +134,8 @@ class Task(Protocol):
 
 
 def run_seed(seed: int, number: int) -> int:
-    """Compute the seed of a run, counted from 1: independent of all others and of their number."""
-    child = np.random.SeedSequence(seed, spawn_key=(number - 1,))  # equals `spawn`, one at a time
+    """Compute the seed of run `number`, counted from 1, independent of the other seeds and of the number of runs."""
+    child = np.random.SeedSequence(seed, spawn_key=(number - 1,))  # as `spawn` would give, without the other seeds
     return int(child.generate_state(1, np.uint64)[0]) >> (64 - _SEED_BITS)
 
 
@@ -154,7 +153,7 @@ def monte_carlo(
     `task`: called with the seed of each run. `checkpoint`: progress to continue from, and to store. The caller removes
     it when the result is saved.
     Returns: identical for any engine and after any interruption. A run that raises an exception, or whose process dies,
-    becomes a failure and does not affect others.
+    becomes a failure and does not affect the other runs.
     Raises: ConfigError: fewer than one run or worker, a negative seed, or a checkpoint of another series.
     """
     engine_of(workers)
@@ -164,21 +163,21 @@ def monte_carlo(
         raise ConfigError("sim.negative_seed", where="seed", seed=seed)
     none = np.zeros(0, dtype=np.int64)
     begun = (None if checkpoint is None else checkpoint.load()) or Runs(none, none, np.empty((0, 0)), np.empty(0), ())
-    found = begun
+    finished = begun
     if begun.done > runs:
         raise ConfigError("sim.more_runs_done", where="runs", done=begun.done, count=runs)
     seeds = [run_seed(seed, number) for number in range(begun.done + 1, runs + 1)]
-    kept = time.monotonic()
+    saved_at = time.monotonic()
     try:
-        for own, outcome in zip(seeds, each(call, seeds, workers, (task,)), strict=True):
-            found = found.after(outcome, own)
+        for seed_of_run, outcome in zip(seeds, each(call, seeds, workers, (task,)), strict=True):
+            finished = finished.after(outcome, seed_of_run)
             if progress is not None:
-                progress(found.done / runs)
-            if checkpoint is not None and time.monotonic() - kept > KEEP_EVERY:
-                checkpoint.save(found)
-                kept = time.monotonic()
+                progress(finished.done / runs)
+            if checkpoint is not None and time.monotonic() - saved_at > KEEP_EVERY:
+                checkpoint.save(finished)
+                saved_at = time.monotonic()
     finally:
-        # also after a stop: finished runs are kept
-        if checkpoint is not None and found.done > begun.done:
-            checkpoint.save(found)
-    return found
+        # save the finished runs, also after an interruption
+        if checkpoint is not None and finished.done > begun.done:
+            checkpoint.save(finished)
+    return finished

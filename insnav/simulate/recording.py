@@ -1,7 +1,7 @@
 """Simulated recording: an exact motion measured by an IMU and a receiver sampled from their specifications, and faults.
 
-Deliberate faults in data are errors of receivers, sensors and loggers, as pure functions and by name. A fault is
-written ``VERB[:SIZE][@TIME[+LENGTH]]``, times in seconds after the first sample. `VERBS` lists the verbs with examples;
+A fault is a deliberate error of the receiver, the sensors or the logger, applied by a pure function. It is written
+``VERB[:SIZE][@TIME[+LENGTH]]``, times in seconds after the first sample. `VERBS` lists the verbs with examples;
 ``trajectories/README.md`` describes them, and the receiver file (``gps.toml``) with every key.
 """
 
@@ -27,12 +27,12 @@ from insnav.simulate.truth import Truth, gps_from_truth, imu_from_truth, referen
 from insnav.types import BoolArray, FloatArray, GpsData, ImuData, Sampling, Trajectory
 from insnav.units import DEG, G0, UNITS
 
-NORTH_EAST = np.array([0.6, 0.8, 0.0])
+NORTH_EAST = np.array([0.6, 0.8, 0.0])  # unit vector along which faults move fixes, North, East, Down
 _AXES = ("gyro-x", "gyro-y", "gyro-z", "accel-x", "accel-y", "accel-z")
-_ALWAYS = "imu-units", "imu-axes"  # apply to all samples
+_ALWAYS = "imu-units", "imu-axes"  # faults that affect all samples and have no time
 _DIRECTIONS = {"F": (0, 1.0), "B": (0, -1.0), "R": (1, 1.0), "L": (1, -1.0), "D": (2, 1.0), "U": (2, -1.0)}
-REFERENCE_RATE = 10.0  # [Hz]
-IDEAL_GPS_RATE = 1.0  # of an error-free receiver [Hz]
+REFERENCE_RATE = 10.0  # rows of the reference per second [Hz]
+IDEAL_GPS_RATE = 1.0  # fixes of an error-free receiver per second [Hz]
 SLOWEST, FASTEST = 1.0, 10_000.0  # plausible sampling rates [Hz]
 MOTION_STREAM, _IMU_STREAM, _GPS_STREAM = 0, 1, 2  # random streams of a seed, one per source of randomness
 
@@ -42,7 +42,7 @@ class Fault:
     """Fault of a recording."""
 
     verb: str  # type of the fault; see `VERBS`
-    # size in SI units; an axis, a unit or three directions for some faults
+    # size in SI units; for some faults an axis, a unit or three directions, as text
     size: float | str | None = None
     begin: float = -math.inf  # start after the first sample [s]; by default all data
     length: float = math.inf  # duration [s]; infinite by default
@@ -66,32 +66,32 @@ def parse_fault(text: str) -> Fault:
 
     Raises: ConfigError: an unknown verb, or a missing, unexpected or invalid size or time.
     """
-    found = re.fullmatch(r"([^:@]+)(?::([^@]+))?(?:@([^+]+)(?:\+(.+))?)?", text.strip())
-    name = found[1] if found else text.split(":")[0]
-    if found is None or name not in VERBS:
+    match = re.fullmatch(r"([^:@]+)(?::([^@]+))?(?:@([^+]+)(?:\+(.+))?)?", text.strip())
+    name = match[1] if match else text.split(":")[0]
+    if match is None or name not in VERBS:
         raise ConfigError("sim.unknown_fault", where="--fault", fault=text[:100], **config_file.similar(name, VERBS))
     verb, where, example = VERBS[name], f"--fault {text}", VERBS[name].example
-    if (found[2] is None) != (verb.size is None):
+    if (match[2] is None) != (verb.size is None):
         raise ConfigError(
-            "sim.fault_without_size" if found[2] is None else "sim.fault_with_size",
+            "sim.fault_without_size" if match[2] is None else "sim.fault_with_size",
             where=where,
             verb=name,
             example=example,
         )
-    if found[3] is not None and name in _ALWAYS:
+    if match[3] is not None and name in _ALWAYS:
         raise ConfigError("sim.fault_with_time", where=where, verb=name, example=example)
-    if found[3] is None and "@" in example:
+    if match[3] is None and "@" in example:
         raise ConfigError("sim.fault_without_time", where=where, verb=name, example=example)
-    if found[4] is None and "+" in example and name != "gps-jump":
+    if match[4] is None and "+" in example and name != "gps-jump":
         raise ConfigError("sim.fault_without_length", where=where, verb=name, example=example)
     try:
-        size = verb.size(found[2]) if verb.size is not None else None
-        begin = -math.inf if found[3] is None else _seconds(found[3])
-        length = math.inf if found[4] is None else _seconds(found[4])
+        size = verb.size(match[2]) if verb.size is not None else None
+        begin = -math.inf if match[3] is None else _seconds(match[3])
+        length = math.inf if match[4] is None else _seconds(match[4])
     except ConfigError as error:
         error.where = where
         raise
-    if (found[3] is not None and begin < 0.0) or length <= 0.0:
+    if (match[3] is not None and begin < 0.0) or length <= 0.0:
         raise ConfigError("sim.fault_times", where=where, example=example)
     return Fault(name, size, begin, length)
 
@@ -113,17 +113,17 @@ def gps_drag(gps: GpsData, size: float, span: tuple[float, float]) -> GpsData:
 
 
 def gps_flap(gps: GpsData, size: float, span: tuple[float, float]) -> GpsData:
-    """Move four of five fixes in `span` by `size` [m], each in another direction."""
+    """Move four of every five fixes in `span` by `size` [m], each in another direction."""
     rows = np.flatnonzero(_inside(gps.time, span))
-    off = np.zeros((gps.time.shape[0], 3))
-    angle = 2.4 * np.arange(rows.shape[0])  # successive directions differ
-    off[rows] = float(size) * np.column_stack([np.cos(angle), np.sin(angle), np.zeros_like(angle)])
-    off[rows[::5]] = 0.0
-    return replace(gps, lla=lla_offset(gps.lla, off))
+    offset = np.zeros((gps.time.shape[0], 3))
+    angle = 2.4 * np.arange(rows.shape[0])  # direction of each offset [rad]: successive directions differ
+    offset[rows] = float(size) * np.column_stack([np.cos(angle), np.sin(angle), np.zeros_like(angle)])
+    offset[rows[::5]] = 0.0
+    return replace(gps, lla=lla_offset(gps.lla, offset))
 
 
 def gps_latency(gps: GpsData, size: float, span: tuple[float, float]) -> GpsData:
-    """Delay the timestamps of the fixes in `span` by `size`."""
+    """Delay the timestamps of the fixes in `span` by `size` [s]."""
     late = gps.time + size * _inside(gps.time, span)
     order = np.argsort(late, kind="stable")
     return replace(gps.rows(order), time=late[order])
@@ -136,12 +136,12 @@ def gps_sd(gps: GpsData, size: float, span: tuple[float, float]) -> GpsData:
 
 
 def gps_duplicate(gps: GpsData, size: None, span: tuple[float, float]) -> GpsData:
-    """Repeat the fix at the start of `span`, with an error of ten metres."""
+    """Repeat the fix at the start of `span` in a second row, with a position error of 10 m."""
     row = _first(gps.time, span)
-    again = gps.rows(np.insert(np.arange(gps.time.shape[0]), row + 1, row))
-    lla = again.lla.copy()
+    repeated = gps.rows(np.insert(np.arange(gps.time.shape[0]), row + 1, row))
+    lla = repeated.lla.copy()
     lla[row + 1] = lla_offset(lla[row + 1], 10.0 * NORTH_EAST)
-    return replace(again, lla=lla)
+    return replace(repeated, lla=lla)
 
 
 def gps_shuffle(gps: GpsData, size: None, span: tuple[float, float]) -> GpsData:
@@ -153,7 +153,7 @@ def gps_shuffle(gps: GpsData, size: None, span: tuple[float, float]) -> GpsData:
 
 
 def imu_clip(imu: ImuData, size: str, span: tuple[float, float]) -> ImuData:
-    """Clip gyros or accelerometers in `span` to a range; increments to its share of an interval."""
+    """Clip gyros or accelerometers in `span` to a range; increments are clipped to the range times the interval."""
     dimension, limit = _sensor_quantity(str(size))
     largest = np.where(_inside(imu.time, span), limit * _scale(imu), np.inf)[:, None]
     gyro, accel = (largest, np.inf) if dimension == "rate" else (np.inf, largest)
@@ -225,11 +225,11 @@ def _sensor_text(text: str) -> str:
 
 @dataclass(frozen=True, slots=True)
 class Verb:
-    """Syntax and function of a fault."""
+    """Type of fault: its syntax and the function that applies it."""
 
     example: str
     size: Callable[[str], float | str] | None
-    change: Callable[..., Any]  # fixes or samples, size, begin and end [s] -> changed data
+    change: Callable[..., Any]  # (fixes or samples, size, (begin, end) [s]) -> changed data
 
 
 def _first(time: FloatArray, span: tuple[float, float]) -> int:
@@ -257,7 +257,7 @@ def _moved(gps: GpsData, metres: np.ndarray) -> GpsData:
 
 
 def _scale(imu: ImuData) -> float:
-    """Return the value of a unit rate in a sample."""
+    """Return the factor from a rate to a sample: the interval [s] for increments, else 1."""
     return float(np.median(np.diff(imu.time))) if imu.sampling == "increment" else 1.0
 
 
@@ -304,7 +304,7 @@ class Recording:
     gps: GpsData  # fixes with errors and faults
     reference: Trajectory  # exact motion of the IMU at `REFERENCE_RATE`
     errors: ImuErrors | None  # constant errors of the sampled IMU; None without errors
-    lever_b: FloatArray  # (3,) antenna seen from the IMU, body axes [m]
+    lever_b: FloatArray  # (3,) antenna position relative to the IMU, body axes [m]
 
 
 def simulate_recording(
@@ -329,9 +329,9 @@ def simulate_recording(
     samples = perfect if perfect is not None else perfect_imu(truth, rate, sampling)
     errors = None
     if imu_spec is not None:
-        shown = corrupt_imu(samples, imu_spec, (seed, _IMU_STREAM), temperature=temperature)
-        samples, errors = shown.imu, shown.errors
-        del shown  # its biases are as large as the samples
+        measured = corrupt_imu(samples, imu_spec, (seed, _IMU_STREAM), temperature=temperature)
+        samples, errors = measured.imu, measured.errors
+        del measured  # free memory: its biases are as large as the samples
     if gps_spec is not None:
         fixes, lever_b = measure_gps(truth, gps_spec, (seed, _GPS_STREAM)), np.asarray(gps_spec.lever_b)
     else:
@@ -350,8 +350,8 @@ def simulate_recording(
 
 def _same(one: ImuData | GpsData, other: ImuData | GpsData) -> bool:
     """Return whether two records contain the same numbers."""
-    mine, yours = one.columns(), other.columns()
-    return mine.keys() == yours.keys() and all(np.array_equal(v, yours[k], equal_nan=True) for k, v in mine.items())
+    first, second = one.columns(), other.columns()
+    return first.keys() == second.keys() and all(np.array_equal(v, second[k], equal_nan=True) for k, v in first.items())
 
 
 def perfect_imu(truth: Truth, rate: float = 100.0, sampling: Sampling = "mean") -> ImuData:
@@ -365,7 +365,7 @@ def perfect_imu(truth: Truth, rate: float = 100.0, sampling: Sampling = "mean") 
 
 
 def temperature_ramp(imu: ImuData, ends: tuple[float, float] | None) -> FloatArray | None:
-    """Interpolate the temperature at each sample ``(n,)`` [deg C], from first to last; None without `ends`."""
+    """Interpolate between the temperatures `ends` at each sample, ``(n,)`` [deg C]; None without `ends`."""
     return None if ends is None else np.linspace(*ends, len(imu.time))
 
 
@@ -376,7 +376,7 @@ def times(truth: Truth, rate: float) -> FloatArray:
 
 _FOLDER = Path(__file__).parent / "receivers"
 PRESETS = ("single", "dgps", "rtk", "urban")
-_MAX_RATE = 100.0  # [Hz]
+_MAX_RATE = 100.0  # highest rate of a receiver [Hz]
 
 
 def _pair(value: object) -> tuple[float, float]:
@@ -472,8 +472,8 @@ def load_gps(preset_or_path: str) -> GpsSpec:
     """
     path = config_file.preset_or_file(preset_or_path, _FOLDER, PRESETS)
     if path is None:
-        known = config_file.similar(preset_or_path, (*PRESETS, "ideal"))
-        raise ConfigError("sim.unknown_receiver", where="--gps", receiver=preset_or_path[:200], **known)
+        suggestions = config_file.similar(preset_or_path, (*PRESETS, "ideal"))
+        raise ConfigError("sim.unknown_receiver", where="--gps", receiver=preset_or_path[:200], **suggestions)
     file = config_file.validate(_GpsFile, config_file.read_toml(path), str(path))
     velocity = (1.0, 1.0, 1.0) if file.velocity is None else file.velocity.white
     outage, multipath, degraded = file.outage or _Outage(), file.multipath, file.degraded
@@ -499,7 +499,7 @@ def load_gps(preset_or_path: str) -> GpsSpec:
 
 
 def to_toml(spec: GpsSpec) -> str:
-    """Write a receiver file without zero values."""
+    """Convert a receiver specification to the text of a receiver file, without zero values."""
     errors = spec.errors
     content: dict[str, Any] = {"name": spec.name, **({"source": spec.source} if spec.source else {})}
     content |= _given("Hz", rate=spec.rate) | _given("m", lever_arm=spec.lever_b)
@@ -525,7 +525,7 @@ def _now(when: RandomSpells) -> dict[str, Any]:
 
 
 def _given(unit: str, **values: Any) -> dict[str, Any]:
-    """Return the nonzero quantities by key."""
+    """Return the nonzero quantities as texts with their unit, by key."""
     return {key: _text(value, unit) for key, value in values.items() if np.any(value)}
 
 

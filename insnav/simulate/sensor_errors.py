@@ -32,10 +32,10 @@ Triple = tuple[float, float, float]
 
 @dataclass(frozen=True, slots=True)
 class RandomSpells:
-    """Random periods, a Poisson process: mean time between two periods, and mean length [s]."""
+    """Random periods, such as outages: exponentially distributed intervals and lengths."""
 
-    every: float  # 0: no periods
-    length: float
+    every: float  # mean time from the end of a period to the next [s]; 0: no periods
+    length: float  # mean length of a period [s]
 
     def between(self, start: float, end: float, rng: np.random.Generator) -> list[tuple[float, float]]:
         """Sample begin and end of each period that begins between two times [s]."""
@@ -49,7 +49,7 @@ class RandomSpells:
 
 
 def within(time: FloatArray, spells: Iterable[tuple[float, float]]) -> BoolArray:
-    """Return whether times ``(n,)`` are in a period."""
+    """Return whether each of the times ``(n,)`` [s] is within a period, given as begin and end [s]."""
     inside = np.zeros(len(time), dtype=np.bool_)
     for begin, end in spells:
         inside |= (time >= begin) & (time < end)
@@ -60,8 +60,8 @@ def within(time: FloatArray, spells: Iterable[tuple[float, float]]) -> BoolArray
 class ImuSimulation:
     """Samples of a simulated IMU, with their errors."""
 
-    imu: ImuData  # samples with errors
-    errors: ImuErrors  # its constant errors: turn-on bias, scale factor, misalignment
+    imu: ImuData  # simulated samples, with errors
+    errors: ImuErrors  # constant errors of the IMU: turn-on bias, scale factor, misalignment
     # (n, 3) total bias over time, turn-on and in-run [rad/s], [m/s^2]
     gyro_bias: FloatArray
     accel_bias: FloatArray
@@ -81,49 +81,49 @@ def corrupt_imu(imu: ImuData, spec: ImuSpec, seed: Seed, *, temperature: FloatAr
     errors = sample_errors(spec, constants)
     if temperature is not None:
         imu = replace(imu, temperature=np.asarray(temperature, dtype=np.float64))
-    wrong = corrupt(imu, errors)
+    corrupted = corrupt(imu, errors)
     dt = sample_intervals(imu)[:, None]
-    # An instantaneous sample has the noise of a mean: the sensor's bandwidth is about its sampling rate.
+    # An instantaneous sample has the noise of a mean, since the sensor's bandwidth is about its sampling rate.
     span = dt if imu.sampling == "increment" else 1.0
-    since = (imu.time - imu.time[0])[:, None]
+    elapsed = (imu.time - imu.time[0])[:, None]
     rate, force = np.asarray(imu.gyro / span), np.asarray(imu.accel / span)
-    shown, drifts = [], []
+    measured, drifts = [], []
     for name, noise_seed, flicker_seed in zip(SENSORS, noises[:2], noises[2:], strict=True):
-        size: SensorSpec = getattr(spec, name)
-        drift, noise = drift_and_noise(imu.time, dt, size, np.random.default_rng(noise_seed))
-        flickering = flicker(flicker_seed, imu.time, noise_of(size, "flicker"))
-        drift += further_errors(name, size, rate, force, since, constants) + flickering
-        if np.any(size.vibration_rectification):
+        sensor: SensorSpec = getattr(spec, name)
+        drift, noise = drift_and_noise(imu.time, dt, sensor, np.random.default_rng(noise_seed))
+        flickering = flicker(flicker_seed, imu.time, noise_of(sensor, "flicker"))
+        drift += further_errors(name, sensor, rate, force, elapsed, constants) + flickering
+        if np.any(sensor.vibration_rectification):
             width = max(3, round(_VIBRATION_WINDOW / float(np.median(dt))))
-            drift += size.vibration_rectification * moving_variance(force, width)
-        shown.append(quantised(getattr(wrong, name) + (drift + noise) * span, size, dt, span))
+            drift += sensor.vibration_rectification * moving_variance(force, width)
+        measured.append(quantised(getattr(corrupted, name) + (drift + noise) * span, sensor, dt, span))
         drifts.append(drift)
-    wrong = replace(wrong, gyro=shown[0], accel=shown[1])
+    corrupted = replace(corrupted, gyro=measured[0], accel=measured[1])
     gyro_bias, accel_bias = errors.gyro_bias + drifts[0], errors.accel_bias + drifts[1]
     if spec.clock == ClockSpec():
-        return ImuSimulation(wrong, errors, gyro_bias, accel_bias)
-    imu, kept = timestamped(wrong, spec.clock, np.random.default_rng(clock))
-    return ImuSimulation(imu, errors, gyro_bias[kept], accel_bias[kept])
+        return ImuSimulation(corrupted, errors, gyro_bias, accel_bias)
+    imu, kept_rows = timestamped(corrupted, spec.clock, np.random.default_rng(clock))
+    return ImuSimulation(imu, errors, gyro_bias[kept_rows], accel_bias[kept_rows])
 
 
 def further_errors(
     sensor: Sensor, size: SensorSpec, rate: FloatArray, force: FloatArray, since: FloatArray, rng: np.random.Generator
 ) -> FloatArray:
-    """Compute constant or linearly growing budget errors that `sample_errors` does not sample, ``(n, 3)``.
+    """Compute constant or linearly growing errors of the budget that `sample_errors` omits, ``(n, 3)``.
 
     rate, force (n, 3): sensed [rad/s], [m/s^2]. since (n, 1): time since the start [s].
     """
-    made = np.zeros(rate.shape)
+    total = np.zeros(rate.shape)
     for term in terms_of(sensor):
         sizes = getattr(size, term.key)
-        # a ramp draws its random numbers even if zero, to keep other values
-        made_here = term.process == "ramp" or (term.process == "constant" and np.any(sizes))
-        if term.drive is None or term.key in SAMPLED or not made_here:
+        # a ramp of size zero also uses its random numbers, so that the other errors keep theirs
+        needed = term.process == "ramp" or (term.process == "constant" and np.any(sizes))
+        if term.drive is None or term.key in SAMPLED or not needed:
             continue
         signal = term.drive(rate, force, since)
         for (axis, driving), number in zip(term.elements, rng.standard_normal(len(term.elements)), strict=True):
-            made[:, axis] += signal[:, driving] * (number * sizes[axis])
-    return made
+            total[:, axis] += signal[:, driving] * (number * sizes[axis])
+    return total
 
 
 def quantised(values: FloatArray, sensor: SensorSpec, dt: FloatArray, span: FloatArray | float) -> FloatArray:
@@ -133,7 +133,7 @@ def quantised(values: FloatArray, sensor: SensorSpec, dt: FloatArray, span: Floa
     """
     step = math.sqrt(12.0) * noise_of(sensor, "quantisation")
     if np.any(step):
-        # counts of the integral: the remainder of one sample carries over to the next
+        # round the integral to whole counts: the remainder of a sample carries over to the next sample
         per_sample = dt / span
         total = np.cumsum(values * per_sample, axis=0)
         counted = np.where(step > 0.0, np.round(total / np.where(step > 0.0, step, 1.0)) * step, total)
@@ -170,37 +170,37 @@ def flicker(seed: np.random.SeedSequence, time: FloatArray, size: FloatArray) ->
 
 
 def flicker_processes(spacing: float, length: float) -> tuple[float, list[float]]:
-    """Return standard deviation, in noise coefficients, and correlation times [s] of the processes of `flicker`.
+    """Return the sd of each process of `flicker`, relative to the coefficient B, and the correlation times [s].
 
-    `spacing`: interval of the samples. `length`: from the first to the last sample [s].
+    `spacing`: sampling interval [s]. `length`: time from the first to the last sample [s].
     """
-    found = []
-    correlation_time = 0.3 * spacing
+    correlation_times = []
+    correlation_time = 0.3 * spacing  # shortest; the longest is about ten record lengths
     while correlation_time < 10.0 * length:
-        found.append(correlation_time)
+        correlation_times.append(correlation_time)
         correlation_time *= _FLICKER_RATIO
-    return math.sqrt(math.log(_FLICKER_RATIO) / math.pi), found
+    return math.sqrt(math.log(_FLICKER_RATIO) / math.pi), correlation_times
 
 
 def timestamped(imu: ImuData, clock: ClockSpec, rng: np.random.Generator) -> tuple[ImuData, BoolArray]:
-    """Apply clock errors to sample times, and drop some samples; return also the kept rows ``(n,)``.
+    """Apply clock errors to the sample times, and drop lost samples; also return which rows are kept, ``(n,)``.
 
-    Jitter is limited to 0.4 of an interval, to keep the order.
+    Jitter is limited to 0.4 of an interval, to keep the samples in order.
     """
     spacing = float(np.median(np.diff(imu.time)))
     jitter = np.clip(clock.jitter * rng.standard_normal(len(imu.time)), -0.4 * spacing, 0.4 * spacing)
     time = imu.time + clock.offset + clock.drift * (imu.time - imu.time[0]) + jitter
-    lost = RandomSpells(clock.lost_every, clock.lost_length).between(imu.time[0], imu.time[-1], rng)
-    kept = ~within(imu.time, lost)
-    return replace(imu, time=time).rows(kept), kept
+    lost_periods = RandomSpells(clock.lost_every, clock.lost_length).between(imu.time[0], imu.time[-1], rng)
+    kept_rows = ~within(imu.time, lost_periods)
+    return replace(imu, time=time).rows(kept_rows), kept_rows
 
 
 def drift_and_noise(
     time: FloatArray, dt: FloatArray, sensor: SensorSpec, rng: np.random.Generator
 ) -> tuple[FloatArray, FloatArray]:
-    """Simulate in-run bias, and white noise as mean over each interval `dt` [s]: both ``(n, 3)``, in the bias unit.
+    """Simulate in-run bias, and white noise averaged over each interval `dt` [s]: both ``(n, 3)``, in the bias unit.
 
-    The number of random values does not depend on the sizes.
+    The number of random values does not depend on the sizes of the errors.
     """
     noise = rng.standard_normal((len(time), 3)) * (noise_of(sensor, "white") / np.sqrt(dt))
     drift = gauss_markov(rng, time, noise_of(sensor, "Gauss-Markov"), sensor.correlation_time)
@@ -219,7 +219,7 @@ def gauss_markov(rng: np.random.Generator, time: FloatArray, sd: FloatArray, cor
     ratio = (time[-1] - time[0]) / max(1, len(time) - 1) / correlation_time
     decay = math.exp(-ratio)
     drive = rng.standard_normal((len(time), 3)) * sd
-    drive[1:] *= math.sqrt(-math.expm1(-2.0 * ratio))
+    drive[1:] *= math.sqrt(-math.expm1(-2.0 * ratio))  # the first value keeps the stationary sd
     process: FloatArray = first_order(drive, decay)
     return process
 
@@ -231,7 +231,7 @@ class GpsErrors:
     position_noise: Triple  # standard deviation of the white error North, East, Down [m]
     # standard deviation of the time-correlated (first-order Gauss-Markov) error North, East, Down [m]
     position_drift: Triple = (0.0, 0.0, 0.0)
-    correlation_time: float = 60.0  # its correlation time [s]
+    correlation_time: float = 60.0  # correlation time of this error [s]
     velocity_noise: Triple = (0.1, 0.1, 0.1)  # standard deviation of the white velocity error [m/s]
 
     @property
@@ -245,10 +245,10 @@ class GpsSpec:
     """Receiver specification with its antenna position."""
 
     name: str
-    errors: GpsErrors  # errors of its fixes
-    rate: float = 1.0  # [Hz]
-    lever_b: Triple = (0.0, 0.0, 0.0)  # antenna seen from the IMU, body axes [m]
-    velocities: bool = True  # the receiver gives velocities
+    errors: GpsErrors  # errors of the fixes
+    rate: float = 1.0  # fixes per second [Hz]
+    lever_b: Triple = (0.0, 0.0, 0.0)  # antenna position relative to the IMU, body axes [m]
+    velocities: bool = True  # whether the receiver reports velocities
     # delay of the timestamp of a fix: mean, and its standard deviation [s]
     latency: float = 0.0
     jitter: float = 0.0
@@ -260,9 +260,9 @@ class GpsSpec:
     degraded: RandomSpells | None = None
     degraded_noise: float = 0.0
     outages: tuple[tuple[float, float], ...] = ()  # start after the start of the motion, and length of outages [s]
-    # period of regular outages, and the length of each, at the end of the period [s]
+    # period of regular outages, and length of the outage at the end of each period [s]
     outage_period: tuple[float, float] | None = None
-    outage: RandomSpells | None = None  # random outages
+    outage: RandomSpells | None = None  # outages at random times
     stated: float = 1.0  # ratio of reported to true standard deviations
     source: str = ""  # source of the figures
 
@@ -275,35 +275,35 @@ def measure_gps(truth: Truth, spec: GpsSpec, seed: Seed) -> GpsData:
 
     Raises: ConfigError: the motion ends before the first fix.
     """
-    kept, jumps, floats, times, white = np.random.SeedSequence(seed).spawn(5)
+    outage_seed, multipath_seed, degraded_seed, delay_seed, noise_seed = np.random.SeedSequence(seed).spawn(5)
     count = int(np.floor(truth.duration * spec.rate * (1.0 + 1e-12)))
-    # no timestamp precedes the first measurable instant
+    # timestamps begin one interval after the start: none precedes the first measured instant
     time: FloatArray = truth.start + np.arange(1.0, count + 1.0) / spec.rate
-    late = spec.latency + spec.jitter * np.random.default_rng(times).standard_normal(count)
-    valid = np.sort(time - late)  # jitter may exceed the interval between fixes
+    late = spec.latency + spec.jitter * np.random.default_rng(delay_seed).standard_normal(count)
+    valid = np.sort(time - late)  # sorted, as jitter may exceed the interval between fixes
     span = truth.start, truth.start + truth.duration
     inside = (valid >= span[0]) & (valid <= span[1])
-    inside &= ~_outages(spec, time, truth, np.random.default_rng(kept))
+    inside &= ~_outages(spec, time, truth, np.random.default_rng(outage_seed))
     if not inside.any():
         raise ConfigError("sim.no_fix", where="gps", duration_s=truth.duration, rate_hz=spec.rate)
-    # errors continue without fixes
+    # simulate fixes during outages, too, so that time-correlated errors continue; drop them at the end
     gps = gps_from_truth(truth, np.clip(valid, *span), np.asarray(spec.lever_b))
-    gps = corrupt_gps(replace(gps, time=time), spec.errors, white.generate_state(4).tolist())
+    gps = corrupt_gps(replace(gps, time=time), spec.errors, noise_seed.generate_state(4).tolist())
     position_sd = gps.position_sd.copy()
     error = np.zeros_like(gps.lla)
     fix = np.full(len(time), spec.fix, dtype=np.int64)
     if spec.multipath is not None:
-        rng = np.random.default_rng(jumps)
+        rng = np.random.default_rng(multipath_seed)
         for begin, end in spec.multipath.between(*span, rng):
             error[(time >= begin) & (time < end)] += spec.multipath_size * rng.standard_normal(3)
     if spec.degraded is not None:
-        rng = np.random.default_rng(floats)
+        rng = np.random.default_rng(degraded_seed)
         worse = within(time, spec.degraded.between(*span, rng))
         error[worse] += spec.degraded_noise * rng.standard_normal((int(worse.sum()), 3))
         position_sd[worse] = np.hypot(position_sd[worse], spec.degraded_noise)
         fix[worse] = 2
     unknown = np.full_like(gps.v_n, np.nan)
-    whole = replace(
+    measured = replace(
         gps,
         lla=lla_offset(gps.lla, error),
         v_n=gps.v_n if spec.velocities else unknown,
@@ -311,23 +311,23 @@ def measure_gps(truth: Truth, spec: GpsSpec, seed: Seed) -> GpsData:
         velocity_sd=spec.stated * gps.velocity_sd if spec.velocities else unknown.copy(),
         fix=fix,
     )
-    return whole.rows(inside)
+    return measured.rows(inside)
 
 
 def _outages(spec: GpsSpec, time: FloatArray, truth: Truth, rng: np.random.Generator) -> BoolArray:
-    """Find the fixes within an outage."""
-    since = time - truth.start
-    dark = within(since, [(begin, begin + length) for begin, length in spec.outages])
+    """Return which fixes are within an outage, ``(n,)``."""
+    elapsed = time - truth.start
+    in_outage = within(elapsed, [(begin, begin + length) for begin, length in spec.outages])
     if spec.outage_period is not None:
         period, length = spec.outage_period
-        dark |= since % period >= period - length
+        in_outage |= elapsed % period >= period - length
     if spec.outage is not None:
-        dark |= within(time, spec.outage.between(truth.start, truth.start + truth.duration, rng))
-    return dark
+        in_outage |= within(time, spec.outage.between(truth.start, truth.start + truth.duration, rng))
+    return in_outage
 
 
 def corrupt_gps(gps: GpsData, errors: GpsErrors, seed: Seed) -> GpsData:
-    """Add random errors to error-free fixes, and their true standard deviations.
+    """Add random errors to error-free fixes, and set the true standard deviations of these errors.
 
     Raises: ConfigError: a standard deviation not above zero, which no receiver has and no filter accepts.
     """

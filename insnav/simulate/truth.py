@@ -2,13 +2,13 @@
 
 Nothing is integrated between motion and sensors: velocity, angular rate and specific force are derivatives of the same
 curves, which are smooth functions of time. They agree to rounding at every instant. `Truth` is the interface of every
-motion. `LevelTruth` has curves of latitude, longitude, height and of roll, pitch, heading, for use with formulas.
-`straight` and `circle` use one formula, for tests and for certifying integrators.
+motion. `LevelTruth` has curves of latitude, longitude, height and of roll, pitch, heading. Its curves can be formulas,
+as in `straight` and `circle`, which serve tests and the certification of integrators.
 
-`EarthTruth` crosses a pole, with the nose straight up, and inverted. Its position is a curve in Earth-fixed axes and
-its attitude a quaternion relative to them: no latitude and no pitch is singular.
+`EarthTruth` also represents motion across a pole, with the nose straight up, or inverted. Its position is a curve in
+Earth-fixed axes, and its attitude a quaternion relative to these axes: no latitude and no pitch is singular.
 
-Perfect sensors and a reference measure a motion without errors.
+`imu_from_truth`, `gps_from_truth` and `reference` measure a motion without errors.
 
 References
 ----------
@@ -40,19 +40,19 @@ from insnav.exceptions import ConfigError
 from insnav.spill import by_blocks
 from insnav.types import FloatArray, GpsData, ImuData, Sampling, Trajectory
 
-Gravity = Literal["full", "plumb", "linear"]  # see `Truth`
+Gravity = Literal["full", "plumb", "linear"]  # gravity model, see `Truth`
 Vector = tuple[FloatArray, FloatArray, FloatArray]  # separate components: numpy is twice as fast on contiguous arrays
-_LONGEST_PIECE = 0.02  # [s]; five nodes a piece leave less than 1e-13 of an increment up to 15 Hz
-_FINE = 4.2  # pieces between two knots from which four nodes suffice: the motion is slower than the knots
+_LONGEST_PIECE = 0.02  # [s]; five nodes per piece integrate motion up to 15 Hz to 1e-13 of an increment
+_FINE = 4.2  # pieces per knot interval above which four nodes suffice: motion is slower than the knots
 _CHUNK = 1024  # pieces at a time: the arrays of one chunk fit in the cache
-_SLIVER = 1e-9  # [s]; a knot closer to a sample time needs no separate piece
-_SMALL = 1e-3  # squared angle below which the series of the factors are exact to rounding [rad^2]
+_SLIVER = 1e-9  # a knot closer to a sample time than this needs no separate piece [s]
+_SMALL = 1e-3  # squared angle below which the series in `turn_factors` is exact to rounding [rad^2]
 
 Quaternion = tuple[FloatArray, FloatArray, FloatArray, FloatArray]
 
 
 class Curve(Protocol):
-    """Interface of three functions of time.
+    """Interface of three smooth functions of time, such as position or attitude components.
 
     Attributes
     ----------
@@ -62,11 +62,11 @@ class Curve(Protocol):
 
     @property
     def knots(self) -> FloatArray:
-        """See above."""
+        """Times at which some high derivative jumps [s]."""
         ...
 
     def __call__(self, t: FloatArray, order: int = 0) -> FloatArray:
-        """Values ``(n, 3)`` of derivative number `order` (0, 1 or 2) at times `t` ``(n,)`` [s]."""
+        """Evaluate derivative number `order` (0, 1 or 2), ``(n, 3)``, at times `t` ``(n,)`` [s]."""
         ...
 
 
@@ -83,7 +83,7 @@ class Harmonic:
 
     @property
     def knots(self) -> FloatArray:
-        """Knots: none, as all derivatives are continuous."""
+        """Empty array, as all derivatives are continuous."""
         return np.empty(0)
 
     def __call__(self, t: FloatArray, order: int = 0) -> FloatArray:
@@ -115,7 +115,7 @@ class Spline:
         return by_blocks(lambda part: self._values(part, order), t)
 
     def _values(self, t: FloatArray, order: int) -> FloatArray:
-        """Differentiate only the pieces that contain `t`: storing whole derivatives takes more memory than samples."""
+        """Evaluate; differentiate only the pieces that contain `t`, as whole derivatives would take much memory."""
         c, x = self.polynomials.c, self.polynomials.x
         first, last = np.searchsorted(x[1:-1], (t.min(), t.max()), side="right")
         part = PPoly.construct_fast(c[:, first : last + 1], x[first : last + 2])
@@ -125,7 +125,7 @@ class Spline:
         return values
 
     def integral(self) -> Spline:
-        """Integrate; the result is zero at the first knot."""
+        """Return the integral, which is zero at the first knot."""
         return Spline(self.polynomials.antiderivative())
 
 
@@ -159,10 +159,10 @@ class Truth(ABC):
 
     __slots__ = ()
 
-    duration: float  # length [s]
+    duration: float  # length of the motion [s]
     start: float  # time of the first instant [s]
-    # normal gravity: full, or without its north component above the ellipsoid (0.7 ug at 1 km). The third form is also
-    # linear in height (error 0.5 ug at 1 km). The latter two serve comparisons with other packages
+    # normal gravity: ``full``; ``plumb`` without its north component above the ellipsoid (0.7 ug at 1 km). ``linear``
+    # is also linear in height (error 0.5 ug at 1 km). ``plumb`` and ``linear`` are for comparisons with other packages
     gravity: Gravity
 
     @property
@@ -192,13 +192,12 @@ class Truth(ABC):
 class LevelTruth(Truth):
     """Motion in latitude, longitude, height and roll, pitch, heading: not at a pole, nor at a pitch of 90 deg."""
 
-    # (3,) latitude [rad], longitude [rad], height [m], the origin of `position`: small numbers keep digits
+    # (3,) latitude [rad], longitude [rad], height [m]: origin of `position`, whose small numbers keep more digits
     origin: FloatArray
-    # latitude [rad], longitude [rad] and height [m] minus `origin`, over the time since `start` [s]; smooth in at least
-    # two derivatives
+    # latitude, longitude [rad], height [m] minus `origin`, over time since `start` [s]; smooth in two derivatives or
+    # more
     position: Curve
-    # roll, pitch, heading [rad] over the time since `start` [s], heading without jumps; smooth in at least one
-    # derivative
+    # roll, pitch, heading [rad] without jumps, over time since `start` [s]; smooth in at least one derivative
     attitude: Curve
     # see `Truth`
     duration: float
@@ -217,7 +216,7 @@ class LevelTruth(Truth):
         tau = self.elapsed(time)
         w_ib_b, f_b, v_n = _sensed(self, tau)
         lla = self.position(tau) + self.origin
-        lla[:, 1] = wrap_pi(lla[:, 1])
+        lla[:, 1] = wrap_pi(lla[:, 1])  # the curve may pass 180 deg of longitude
         rph = self.attitude(tau).copy()
         rph[:, 2] = wrap_two_pi(rph[:, 2])
         return Kinematics(lla, np.column_stack(v_n), rph, np.column_stack(w_ib_b), np.column_stack(f_b))
@@ -233,7 +232,7 @@ def _sensed(truth: LevelTruth, tau: FloatArray) -> tuple[Vector, Vector, Vector]
     dd_lat, dd_lon, dd_height = earth.components(truth.position(tau, 2))
     meridian, transverse = earth.radii(lat)
     s, c = np.sin(lat), np.cos(lat)
-    # d radii / d latitude: (3 k) meridian and k transverse, by differentiating Groves 2013, section 2.4.2.
+    # Derivatives of the radii by latitude are 3 k meridian and k transverse (derived from Groves 2013, section 2.4.2).
     k = earth.E2 * s * c / (1.0 - earth.E2 * s * s)
     to_north, to_east = meridian + height, transverse + height
     v_north, v_east, v_down = to_north * d_lat, to_east * c * d_lon, -d_height
@@ -241,7 +240,7 @@ def _sensed(truth: LevelTruth, tau: FloatArray) -> tuple[Vector, Vector, Vector]
     a_east = to_east * (c * dd_lon - s * d_lat * d_lon) + (k * transverse * d_lat + d_height) * c * d_lon
     a_down = -dd_height
 
-    # Earth rate plus transport rate (eq. 2.123, 5.44) by the rates of latitude and longitude. Then 2 w_ie + w_en.
+    # Earth rate plus transport rate (eq. 2.123, 5.44) from the rates of latitude and longitude. Then 2 w_ie + w_en.
     turn_north, turn_east, turn_down = (earth.OMEGA_EARTH + d_lon) * c, -d_lat, -(earth.OMEGA_EARTH + d_lon) * s
     p_north, p_down = turn_north + earth.OMEGA_EARTH * c, turn_down - earth.OMEGA_EARTH * s
     g_north, g_down = gravity_of(truth.gravity, lat, height)
@@ -331,7 +330,7 @@ def circle(
     """
     if turn_rate == 0.0:
         raise ConfigError("sim.no_turn_rate", where="turn_rate")
-    # Position whose derivative is speed * (cos, sin)(heading + turn_rate t).
+    # Coefficients of the position whose derivative is speed * (cos, sin)(heading + turn_rate t).
     radius, sin, cos = speed / turn_rate, math.sin(heading), math.cos(heading)
     cosine, sine = np.array([sin, -cos, 0.0]) * radius, np.array([cos, sin, 0.0]) * radius
     bank = math.atan2(speed * turn_rate, float(earth.gravity_n(lla[0], lla[2])[2]))
@@ -341,7 +340,7 @@ def circle(
 
 
 def imu_from_truth(truth: Truth, time: FloatArray, sampling: Sampling = "increment") -> ImuData:
-    """Measure with a perfect IMU.
+    """Measure a motion with a perfect IMU.
 
     `time` (n + 1,): edges of the sampling intervals [s], strictly increasing: sample i covers ``time[i]`` to
     ``time[i + 1]`` and is stamped with its end. ``instant`` has no intervals: (n,) times. `sampling` {"increment",
@@ -351,8 +350,8 @@ def imu_from_truth(truth: Truth, time: FloatArray, sampling: Sampling = "increme
     """
     time = np.asarray(time, dtype=np.float64)
     if sampling == "instant":
-        at = truth.evaluate(time)
-        return ImuData(time, at.w_ib_b, at.f_b, sampling="instant")
+        kinematics = truth.evaluate(time)
+        return ImuData(time, kinematics.w_ib_b, kinematics.f_b, sampling="instant")
     if len(time) < 2 or not np.all(np.diff(time) > 0.0):
         raise ConfigError("sim.no_increasing_times", where="time", count=len(time))
     tau = truth.elapsed(time)
@@ -366,7 +365,7 @@ def integrate(truth: Truth, edges: FloatArray) -> FloatArray:
     """Integrate angular rate [rad] and specific force [m/s] between successive edges ``(n + 1,)`` [s], ``(n, 6)``.
 
     Gauss-Legendre quadrature on pieces that end at every edge and every knot, so that derivatives are continuous within
-    each. The edges count from the start of the motion.
+    a piece. The edges count from the start of the motion.
     """
     knots = truth.knots
     breaks = pieces(edges, knots)
@@ -381,18 +380,18 @@ def integrate(truth: Truth, edges: FloatArray) -> FloatArray:
         w_ib_b, f_b = truth.sensed(nodes.ravel())
         for column, values in enumerate(w_ib_b + f_b):
             parts[part, column] = half[part] * (values.reshape(nodes.shape) @ weights)
-    if len(breaks) == len(edges):
+    if len(breaks) == len(edges):  # each interval is one piece
         return parts
     total: FloatArray = np.add.reduceat(parts, np.searchsorted(breaks, edges[:-1]), axis=0)
     return total
 
 
 def pieces(edges: FloatArray, knots: FloatArray) -> FloatArray:
-    """Return edges, the knots between them, and further points that limit pieces to `_LONGEST_PIECE`."""
+    """Return the edges, the knots between edges, and further points that limit pieces to `_LONGEST_PIECE`."""
     knots = np.unique(knots[(knots > edges[0]) & (knots < edges[-1])])
-    after = np.searchsorted(edges, knots)
-    clear = np.minimum(edges[after] - knots, knots - edges[after - 1]) > _SLIVER
-    breaks = np.union1d(edges, knots[clear])
+    after = np.searchsorted(edges, knots)  # number of the edge after each knot
+    separate = np.minimum(edges[after] - knots, knots - edges[after - 1]) > _SLIVER
+    breaks = np.union1d(edges, knots[separate])
     count = np.ceil(np.diff(breaks) / _LONGEST_PIECE - 1e-6).astype(np.int64)
     if np.all(count <= 1):
         return breaks
@@ -407,26 +406,26 @@ def reference(truth: Truth, time: FloatArray) -> Trajectory:
 
     Raises: ConfigError: times outside the motion.
     """
-    at = truth.evaluate(time)
-    return Trajectory(np.asarray(time, dtype=np.float64), at.lla, at.v_n, at.rph)
+    kinematics = truth.evaluate(time)
+    return Trajectory(np.asarray(time, dtype=np.float64), kinematics.lla, kinematics.v_n, kinematics.rph)
 
 
 def gps_from_truth(truth: Truth, time: FloatArray, lever_b: FloatArray) -> GpsData:
-    """Measure with a perfect receiver at times ``(n,)`` [s], its antenna at `lever_b` ``(3,)`` from the IMU [m].
+    """Measure a motion with a perfect receiver at times ``(n,)`` [s]; its antenna is at `lever_b` ``(3,)`` [m].
 
     Returns: position and velocity of the antenna, v + C_nb (w_eb_b x lever) (Groves 2013, section 14.3.1). The lever
     arm is projected on the tangent plane, with an error of 1e-7 m per metre. Standard deviations are unknown.
     Raises: ConfigError: times outside the motion.
     """
-    at = truth.evaluate(time)
-    C_nb = dcm_from_rph(at.rph)
-    w_eb_n = (C_nb @ at.w_ib_b[:, :, None])[:, :, 0] - earth.earth_rate_n(at.lla[:, 0])
+    kinematics = truth.evaluate(time)
+    C_nb = dcm_from_rph(kinematics.rph)
+    w_eb_n = (C_nb @ kinematics.w_ib_b[:, :, None])[:, :, 0] - earth.earth_rate_n(kinematics.lla[:, 0])
     lever_n = C_nb @ np.asarray(lever_b, dtype=np.float64)
-    unknown = np.full((len(at.lla), 3), np.nan)
+    unknown = np.full((len(kinematics.lla), 3), np.nan)
     return GpsData(
         time=np.asarray(time, dtype=np.float64),
-        lla=earth.lla_offset(at.lla, lever_n),
-        v_n=at.v_n + np.cross(w_eb_n, lever_n),
+        lla=earth.lla_offset(kinematics.lla, lever_n),
+        v_n=kinematics.v_n + np.cross(w_eb_n, lever_n),
         position_sd=unknown,
         velocity_sd=unknown.copy(),
     )
@@ -434,7 +433,7 @@ def gps_from_truth(truth: Truth, time: FloatArray, lever_b: FloatArray) -> GpsDa
 
 @dataclass(frozen=True, slots=True)
 class Turns:
-    """Attitude ``q_vb`` of the body b relative to the vehicle v: constant attitudes, each followed by a rotation."""
+    """Attitude ``q_vb`` of the body b relative to the vehicle v, in sections: a constant attitude, then a rotation."""
 
     # (m,) start times of the sections [s], increasing; the first is the start of the motion
     edges: FloatArray
@@ -455,18 +454,18 @@ class Turns:
         "A new mathematical formulation for strapdown inertial navigation", IEEE Trans. AES-7 (1971) 61-66, solved for
         the rate.
         """
-        stretch = np.clip(np.searchsorted(self.edges, tau, side="right") - 1, 0, len(self.edges) - 1)
+        section = np.clip(np.searchsorted(self.edges, tau, side="right") - 1, 0, len(self.edges) - 1)
         rotvec, rate = self.rotvec(tau), self.rotvec(tau, 1)
         angle2 = np.einsum("ij,ij->i", rotvec, rotvec)
-        across = np.cross(rotvec, rate)
+        cross = np.cross(rotvec, rate)
         first, second = turn_factors(angle2)
-        w = rate - first[:, None] * across + second[:, None] * np.cross(rotvec, across)
-        q = quat_multiply(self.base[stretch], quat_from_rotvec(rotvec))
+        w = rate - first[:, None] * cross + second[:, None] * np.cross(rotvec, cross)
+        q = quat_multiply(self.base[section], quat_from_rotvec(rotvec))
         return (q[:, 0], q[:, 1], q[:, 2], q[:, 3]), earth.components(w)
 
 
 def turn_factors(angle2: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Compute ``(1 - cos a) / a^2`` and ``(a - sin a) / a^3`` of squared angles ``a^2`` ``(n,)`` [rad^2]."""
+    """Compute ``(1 - cos a) / a^2`` and ``(a - sin a) / a^3`` from squared angles ``a^2`` ``(n,)`` [rad^2]."""
     safe = np.where(angle2 < _SMALL, 1.0, angle2)
     angle = np.sqrt(safe)
     series = 1 / 6 - angle2 / 120 * (1 - angle2 / 42 * (1 - angle2 / 72))
@@ -476,12 +475,12 @@ def turn_factors(angle2: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 @dataclass(frozen=True, slots=True)
 class EarthTruth(Truth):
-    """Motion in Earth-fixed axes."""
+    """Motion in Earth-fixed axes, valid also at the poles and at any pitch."""
 
     origin: FloatArray  # (3,) origin of `position` [m]
     position: Curve  # position minus `origin` over the time since `start` [m]; smooth in at least two derivatives
-    # quaternion ``q_ev`` of the vehicle over the time since `start`, of any length but zero; smooth in at least one
-    # derivative. Divided by its length it is the attitude, so its four polynomials need not know of each other.
+    # quaternion ``q_ev`` of the vehicle over the time since `start`, of any length except zero; smooth in at least one
+    # derivative. Its direction alone is the attitude, so its four polynomials can be independent.
     attitude: Curve
     turns: Turns | None  # turns of the body in the vehicle; None if it is fixed
     # see `Truth`
@@ -495,10 +494,10 @@ class EarthTruth(Truth):
         return np.concatenate([self.position.knots, self.attitude.knots, *turns])
 
     def sensed(self, tau: FloatArray) -> tuple[Vector, Vector]:
-        """Compute the rates; see `Truth`: Groves 2013, section 2.5.5 solved for the specific force.
+        """Compute angular rate and specific force, see `Truth`; Groves 2013, section 2.5.5 solved for the force.
 
-        The rate relative to the Earth follows from ``w = 2 vec(q* (x) q')`` for a unit quaternion. Another length adds
-        a part along ``q``, which cancels, and a factor.
+        The rate relative to the Earth is ``w = 2 vec(q* (x) q')`` for a unit quaternion. For another length the product
+        is divided by the squared length; the part of ``q'`` along ``q`` cancels.
         """
         a, b, c, d = q = _columns(self.attitude(tau))
         da, db, dc, dd = _columns(self.attitude(tau, 1))
@@ -541,7 +540,7 @@ def _columns(q: FloatArray) -> Quaternion:
 
 
 def turned_back(q: Quaternion, vector: Vector) -> Vector:
-    """Compute ``C(q)^T @ vector``, for a body-to-`vector` quaternion of any length (Groves 2013, eq. 2.34)."""
+    """Resolve `vector` in body axes: ``C(q)^T @ vector``, for a quaternion of any length (Groves 2013, eq. 2.34)."""
     a, b, c, d = q
     x, y, z = vector
     twice = 2.0 / (a * a + b * b + c * c + d * d)
@@ -557,5 +556,5 @@ def gravity_e(x: FloatArray, y: FloatArray, z: FloatArray, gravity: Gravity) -> 
     s, c = np.sin(lat), np.cos(lat)
     outward = -c * down - s * north
     along = -s * down + c * north
-    outward /= np.maximum(p, 1e-9)  # on the axis x and y are zero
+    outward /= np.maximum(p, 1e-9)  # avoids division by zero: on the axis x and y are zero
     return x * outward, y * outward, along

@@ -20,20 +20,20 @@ from insnav.findings import Code, Finding
 from insnav.simulate.truth import LevelTruth, Spline, Truth, spline_of
 from insnav.types import FloatArray, Trajectory
 
-_SPACING = 0.2  # of knots, unless the track has fewer than two rows in that [s]
+_SPACING = 0.2  # knot spacing, unless the track has fewer than two rows in this time [s]
 _DEGREE = 5
 # fit tolerances of positions and velocities: only their ratio matters, and velocity is smoother
 _POSITION_SD, _VELOCITY_SD, _ANGLE_SD = 0.05, 0.02, 1e-3
-_STIFFNESS = 1e-3  # of the spline without rows, far below the weight of any row
+_STIFFNESS = 1e-3  # weight of the penalty that bridges gaps, relative to a position: far below the weight of a row
 _MOVING = 1.0  # speed above which the course is used as heading [m/s]
-_PASSES = 5
-_FAR = 3.0  # residual in standard deviations with half weight
-_FEWEST = 20
-_FAR_OFF = 1.0  # root mean square of position beyond which a replica is doubtful [m]
-_WILD = 10.0  # acceleration over ground beyond which it is doubtful [m/s^2]
-_LONG_GAP = 3.0  # time without a row beyond which it is doubtful [s]
-_GAP = 1.0  # bridged time without a row [s]
-_LOOK = 0.05  # interval for examining the acceleration [s]
+_PASSES = 5  # iterations of the robust fit
+_FAR = 3.0  # residual, in standard deviations, with half weight
+_FEWEST = 20  # smallest number of rows of a track
+_FAR_OFF = 1.0  # rms position difference beyond which a replica is doubtful [m]
+_WILD = 10.0  # acceleration over ground beyond which a replica is doubtful [m/s^2]
+_LONG_GAP = 3.0  # time without a row beyond which a replica is doubtful [s]
+_GAP = 1.0  # time without a row beyond which rows are interpolated [s]
+_LOOK = 0.05  # interval between the examined accelerations [s]
 _STEEPEST, _HIGHEST_LATITUDE = math.radians(80.0), math.radians(85.0)
 
 
@@ -68,18 +68,18 @@ def truth_from_track(track: Trajectory) -> LevelTruth:
     rates = track.v_n * [1.0, 1.0, -1.0] / scale
     spacing = max(_SPACING, 2.0 * float(np.median(np.diff(tau))))
     size = scale.mean(axis=0)
-    places = [
+    coefficients = [
         _fitted(tau, duration, spacing, offset[:, i] * size[i], rates[:, i] * size[i]) / size[i] for i in range(3)
     ]
-    angles = [_fitted(tau, duration, spacing, rph[:, i] / _ANGLE_SD * _POSITION_SD, None) for i in range(3)]
-    position = _curve(duration, spacing, np.column_stack(places))
-    attitude = _curve(duration, spacing, np.column_stack(angles) * (_ANGLE_SD / _POSITION_SD))
+    angle_coefficients = [_fitted(tau, duration, spacing, rph[:, i] / _ANGLE_SD * _POSITION_SD, None) for i in range(3)]
+    position = _curve(duration, spacing, np.column_stack(coefficients))
+    attitude = _curve(duration, spacing, np.column_stack(angle_coefficients) * (_ANGLE_SD / _POSITION_SD))
     return LevelTruth(origin, position, attitude, duration, start)
 
 
 @dataclass(frozen=True, slots=True)
 class Residual:
-    """Deviation of a motion from its track, and its extremes."""
+    """Differences between a motion and its track, and extreme values of both."""
 
     # root mean square of the differences [m], [m/s]; NaN without velocities in the track
     position: float
@@ -96,32 +96,32 @@ class Residual:
 
     @property
     def doubts(self) -> tuple[Finding, ...]:
-        """Reasons to doubt that the motion is a replica of the drive."""
-        rms, felt, gap = self.position, self.acceleration, self.gap
-        at, jump, begin = self.farthest_time, self.farthest, self.gap_time
-        far = Finding.of(Code.REPLICA_FAR, at, rms_m=rms, limit_m=_FAR_OFF, farthest_m=jump)
-        wild = Finding.of(Code.REPLICA_WILD, self.acceleration_time, acceleration_m_s2=felt, limit_m_s2=_WILD)
+        """Findings that make it doubtful that the motion is a replica of the drive."""
+        rms, acceleration, gap = self.position, self.acceleration, self.gap
+        farthest_time, jump, begin = self.farthest_time, self.farthest, self.gap_time
+        far = Finding.of(Code.REPLICA_FAR, farthest_time, rms_m=rms, limit_m=_FAR_OFF, farthest_m=jump)
+        wild = Finding.of(Code.REPLICA_WILD, self.acceleration_time, acceleration_m_s2=acceleration, limit_m_s2=_WILD)
         absent = Finding.of(Code.REPLICA_GAP, begin, begin + gap, gap_s=gap, limit_s=_LONG_GAP)
-        usual = (rms <= _FAR_OFF, far), (felt <= _WILD, wild), (gap <= _LONG_GAP, absent)
-        return tuple(finding for plausible, finding in usual if not plausible)
+        checks = (rms <= _FAR_OFF, far), (acceleration <= _WILD, wild), (gap <= _LONG_GAP, absent)
+        return tuple(finding for plausible, finding in checks if not plausible)
 
 
 def track_residual(truth: Truth, track: Trajectory) -> Residual:
-    """Compare a motion with its track."""
-    at = truth.evaluate(track.time)
-    off = np.linalg.norm(ned_offset(track.lla, at.lla), axis=1)
-    known = np.isfinite(track.v_n).all(axis=1)
-    slip = np.linalg.norm((track.v_n - at.v_n)[known], axis=1)
+    """Compute the differences between a motion and the track from which it was built."""
+    kinematics = truth.evaluate(track.time)
+    distance = np.linalg.norm(ned_offset(track.lla, kinematics.lla), axis=1)
+    has_velocity = np.isfinite(track.v_n).all(axis=1)
+    velocity_error = np.linalg.norm((track.v_n - kinematics.v_n)[has_velocity], axis=1)
     time: FloatArray = truth.start + np.arange(math.floor(truth.duration / _LOOK) + 1.0) * _LOOK
-    felt = np.linalg.norm(np.gradient(truth.evaluate(time).v_n, _LOOK, axis=0), axis=1)
-    far, wild, gap = int(np.argmax(off)), int(np.argmax(felt)), int(np.argmax(np.diff(track.time)))
+    acceleration = np.linalg.norm(np.gradient(truth.evaluate(time).v_n, _LOOK, axis=0), axis=1)
+    farthest, peak, gap = int(np.argmax(distance)), int(np.argmax(acceleration)), int(np.argmax(np.diff(track.time)))
     return Residual(
-        float(np.sqrt(np.mean(off**2))),
-        float(np.sqrt(np.mean(slip**2))) if len(slip) else math.nan,
-        float(off[far]),
-        float(track.time[far]),
-        float(felt[wild]),
-        float(time[wild]),
+        float(np.sqrt(np.mean(distance**2))),
+        float(np.sqrt(np.mean(velocity_error**2))) if len(velocity_error) else math.nan,
+        float(distance[farthest]),
+        float(track.time[farthest]),
+        float(acceleration[peak]),
+        float(time[peak]),
         float(track.time[gap + 1] - track.time[gap]),
         float(track.time[gap]),
     )
@@ -136,7 +136,7 @@ def _knots(duration: float, spacing: float) -> FloatArray:
 def _fitted(
     t: FloatArray, duration: float, spacing: float, values: FloatArray, slopes: FloatArray | None
 ) -> FloatArray:
-    """Fit the spline coefficients to values [m] and, where known, slopes [m/s].
+    """Fit spline coefficients (k,) to values (n,) [m] at times `t` (n,) [s], and to slopes (n,) [m/s] where known.
 
     Outliers are de-weighted (Cauchy's weights, Huber and Ronchetti, "Robust Statistics", 2009, chapter 7): a receiver's
     track has jumps.
@@ -145,36 +145,36 @@ def _fitted(
     count = len(knots) - _DEGREE - 1
     t = np.clip(t, 0.0, duration)
     basis = csr_array(BSpline.design_matrix(t, knots, _DEGREE))
-    ones = np.ones(count)
-    third = csr_array(
+    ones = np.ones(count)  # for the penalty on third differences of the coefficients
+    third_difference = csr_array(
         diags_array([-ones[3:], 3 * ones[3:], -3 * ones[3:], ones[3:]], offsets=[0, 1, 2, 3], shape=(count - 3, count))
     )
     rows = [(basis, values, _POSITION_SD)]
-    known = np.isfinite(slopes) if slopes is not None else np.zeros(len(t), dtype=np.bool_)
-    if slopes is not None and known.any():
+    has_slope = np.isfinite(slopes) if slopes is not None else np.zeros(len(t), dtype=np.bool_)
+    if slopes is not None and has_slope.any():
         span = knots[_DEGREE + 1 : _DEGREE + count] - knots[1:count]
         ends = np.full(count - 1, float(_DEGREE)) / span
         change = csr_array(diags_array([-ends, ends], offsets=[0, 1], shape=(count - 1, count)))
-        lower = csr_array(BSpline.design_matrix(t[known], knots[1:-1], _DEGREE - 1))
-        rows.append((csr_array(lower @ change), slopes[known], _VELOCITY_SD))
+        lower = csr_array(BSpline.design_matrix(t[has_slope], knots[1:-1], _DEGREE - 1))
+        rows.append((csr_array(lower @ change), slopes[has_slope], _VELOCITY_SD))
     weights = [np.full(len(known_values), 1.0 / sd**2) for _, known_values, sd in rows]
-    found: FloatArray = np.zeros(count)
+    coefficients: FloatArray = np.zeros(count)
     for _ in range(_PASSES):
-        normal = csr_array(_STIFFNESS / _POSITION_SD**2 * (third.T @ third))
-        right = np.zeros(count)
+        normal = csr_array(_STIFFNESS / _POSITION_SD**2 * (third_difference.T @ third_difference))
+        right_side = np.zeros(count)
         for (matrix, known_values, _), weight in zip(rows, weights, strict=True):
             weighed = csr_array(matrix.T @ diags_array(weight))
             normal = csr_array(normal + weighed @ matrix)
-            right += weighed @ known_values
-        bands = np.zeros((_DEGREE + 1, count))
+            right_side += weighed @ known_values
+        bands = np.zeros((_DEGREE + 1, count))  # upper bands of the normal matrix
         for k in range(_DEGREE + 1):
             bands[_DEGREE - k, k:] = normal.diagonal(k)
-        found = np.asarray(solveh_banded(bands, right))
-        for i, (matrix, known_values, least) in enumerate(rows):
-            off = known_values - matrix @ found
-            sd = max(least, 1.4826 * float(np.median(np.abs(off))))
-            weights[i] = 1.0 / (sd**2 + (off / _FAR) ** 2)
-    return found
+        coefficients = np.asarray(solveh_banded(bands, right_side))
+        for i, (matrix, known_values, least_sd) in enumerate(rows):
+            residual = known_values - matrix @ coefficients
+            sd = max(least_sd, 1.4826 * float(np.median(np.abs(residual))))
+            weights[i] = 1.0 / (sd**2 + (residual / _FAR) ** 2)  # Cauchy's weights
+    return coefficients
 
 
 def _curve(duration: float, spacing: float, coefficients: FloatArray) -> Spline:
@@ -182,42 +182,42 @@ def _curve(duration: float, spacing: float, coefficients: FloatArray) -> Spline:
 
 
 def _attitude(track: Trajectory) -> FloatArray:
-    """Return roll, pitch and heading without jumps; from the course if unknown."""
+    """Return roll, pitch and heading without jumps (n, 3) [rad]; unknown attitude follows from the velocity."""
     rph = track.rph.copy()
-    known = np.isfinite(rph).all(axis=1)
-    if not known.all():
-        moved = np.gradient(ned_offset(track.lla, track.lla[0]), track.time, axis=0)
-        v_north, v_east, v_down = components(np.where(np.isfinite(track.v_n), track.v_n, moved))
+    has_rph = np.isfinite(rph).all(axis=1)
+    if not has_rph.all():
+        mean_velocity = np.gradient(ned_offset(track.lla, track.lla[0]), track.time, axis=0)
+        v_north, v_east, v_down = components(np.where(np.isfinite(track.v_n), track.v_n, mean_velocity))
         over_ground = np.hypot(v_north, v_east)
         moving = over_ground > _MOVING
-        rph[~known, 0] = 0.0
-        rph[~known, 1] = np.where(moving, np.arctan2(-v_down, np.maximum(over_ground, _MOVING)), 0.0)[~known]
-        known_values = known | moving
-        if not known_values.any():
+        rph[~has_rph, 0] = 0.0
+        rph[~has_rph, 1] = np.where(moving, np.arctan2(-v_down, np.maximum(over_ground, _MOVING)), 0.0)[~has_rph]
+        usable = has_rph | moving
+        if not usable.any():
             rph[:, 2] = 0.0
         else:
-            course = np.where(known, rph[:, 2], np.arctan2(v_east, v_north))
-            rph[:, 2] = np.interp(track.time, track.time[known_values], np.unwrap(course[known_values]))
+            course = np.where(has_rph, rph[:, 2], np.arctan2(v_east, v_north))
+            rph[:, 2] = np.interp(track.time, track.time[usable], np.unwrap(course[usable]))
     rph[:, 2] = np.unwrap(rph[:, 2])
     return rph
 
 
 def _bridged(track: Trajectory, rph: FloatArray) -> tuple[Trajectory, FloatArray]:
-    """Add rows in gaps of track and attitude: a smooth spline alone would overshoot there.
+    """Add rows in gaps of track and attitude, where a smooth spline alone would overshoot.
 
     Shape-preserving cubics (Fritsch and Carlson, SIAM J. Numer. Anal. 17 (1980) 238-246) stay within the range of the
     neighbouring rows.
     """
     steps = np.diff(track.time)
-    usual = float(np.median(steps))
-    wide = np.flatnonzero(steps > max(_GAP, 3.0 * usual))
+    median_step = float(np.median(steps))
+    wide = np.flatnonzero(steps > max(_GAP, 3.0 * median_step))  # steps that are gaps in the track
     if not len(wide):
         return track, rph
-    spacing = max(_SPACING, usual)
+    spacing = max(_SPACING, median_step)
     new = np.concatenate([np.arange(track.time[i] + spacing, track.time[i + 1] - 0.5 * spacing, spacing) for i in wide])
     time = np.concatenate([track.time, new])
     order = np.argsort(time)
-    place = np.column_stack([track.lla[:, 0], np.unwrap(track.lla[:, 1]), track.lla[:, 2]])
-    lla, rph = (np.concatenate([rows, PchipInterpolator(track.time, rows)(new)])[order] for rows in (place, rph))
+    unwrapped = np.column_stack([track.lla[:, 0], np.unwrap(track.lla[:, 1]), track.lla[:, 2]])
+    lla, rph = (np.concatenate([rows, PchipInterpolator(track.time, rows)(new)])[order] for rows in (unwrapped, rph))
     v_n = np.concatenate([track.v_n, np.full((len(new), 3), np.nan)])[order]
     return Trajectory(time[order], lla, v_n, rph), rph

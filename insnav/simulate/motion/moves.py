@@ -19,10 +19,10 @@ from insnav.simulate.sensor_errors import Seed
 from insnav.types import FloatArray
 from insnav.units import G0
 
-# x^5 … x^9 of the polynomial from 0 to 1 on [0, 1] with four zero derivatives at both ends: the normalised integral of
-# x^4 (1 - x)^4
+# x^5 ... x^9 of a rise from 0 to 1 on [0, 1], with four derivatives zero at both ends: the normalised integral of x^4
+# (1 - x)^4
 STEP = (126.0, -420.0, 540.0, -315.0, 70.0)
-STEEPEST = 315.0 / 128.0  # slope in its middle
+STEEPEST = 315.0 / 128.0  # slope of this polynomial in the middle
 BUMP_AREA = 128.0 / 315.0  # integral of `bump`
 
 
@@ -61,9 +61,9 @@ class Kind:
     body: Vehicle = _RIGID  # lean and vibration of the body
 
 
-HIGHEST = 100.0 * G0  # of a laboratory device; beyond it the input is an error
-FASTEST_SPIN = math.radians(4000.0)
-_STEEPEST_BANK = G0 * math.tan(math.radians(75))  # as acceleration across the path [m/s^2]
+HIGHEST = 100.0 * G0  # largest acceleration of a laboratory device [m/s^2]; a larger input is an error
+FASTEST_SPIN = math.radians(4000.0)  # largest turn rate [rad/s]
+_STEEPEST_BANK = G0 * math.tan(math.radians(75))  # bank of 75 deg as acceleration across the path [m/s^2]
 
 KINDS = {
     kind.name: kind
@@ -75,25 +75,25 @@ KINDS = {
 }
 
 
-_TONES = 24  # of a band, or of the suspension, on each axis
+_TONES = 24  # number of sine waves of a band, or of the suspension, on each axis
 _REFERENCE_SPEED = 20.0  # speed of the specified vibration [m/s]
-_STREAM = 1
+_STREAM = 1  # random stream of engine lines and bands
 
 
 @dataclass(frozen=True, slots=True)
 class Vibration:
     """Vibration of a vehicle."""
 
-    # suspension vibration relative to the vehicle's; proportional to speed
+    # factor of the suspension vibration of the vehicle kind, which is proportional to speed
     suspension: float = 1.0
-    # frequency [Hz] and amplitude [m/s^2] of each engine line, along all three axes, in phases drawn at random
+    # frequency [Hz] and amplitude [m/s^2] of each engine line, along all three axes, with random phases
     lines: tuple[tuple[float, float], ...] = ()
     # lowest and highest frequency [Hz], and one-sided density of the acceleration in between [(m/s^2)^2/Hz]
     bands: tuple[tuple[float, float, float], ...] = ()
 
     @property
     def highest(self) -> float:
-        """Highest frequency of the vibration [Hz]."""
+        """Highest frequency of the vibration [Hz]; at least 6.25, for the suspension."""
         return max([6.25, *(line[0] for line in self.lines), *(band[1] for band in self.bands)])
 
 
@@ -103,10 +103,10 @@ def shaken(
     """Simulate vibration of velocity forward, right, down [m/s] and of roll, pitch, heading [rad], each ``(n, 3)``."""
     velocity, angle = _suspension(t, speed, body, vibration.suspension, seed)
     rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(_STREAM,)))
-    for frequency, size in vibration.lines:
-        velocity += _tones(t, np.full((1, 3), frequency), size, rng)
+    for frequency, amplitude in vibration.lines:
+        velocity += _tones(t, np.full((1, 3), frequency), amplitude, rng)
     for low, high, density in vibration.bands:
-        # one tone per slice of the band, with an equal share of the power
+        # divide the band into slices, each with one sine wave of equal power
         slices = low + (high - low) * (np.arange(_TONES)[:, None] + rng.uniform(size=(_TONES, 3))) / _TONES
         velocity += _tones(t, slices, math.sqrt(2.0 * density * (high - low) / _TONES), rng)
     return velocity, angle
@@ -115,7 +115,7 @@ def shaken(
 def _suspension(
     t: FloatArray, speed: FloatArray, vehicle: Vehicle, factor: float, seed: Seed
 ) -> tuple[FloatArray, FloatArray]:
-    """Simulate `factor` times the vehicle's vibration: tones proportional to speed ``(n,)`` [m/s], none at rest."""
+    """Simulate `factor` times the vehicle's vibration: sine waves proportional to `speed` ``(n,)`` [m/s]."""
     rng = np.random.default_rng(seed)
     result = np.empty((len(t), 6))
     for i, sd in enumerate(vehicle.velocity_shake + vehicle.angle_shake):
@@ -129,7 +129,7 @@ def _suspension(
 
 
 def _tones(t: FloatArray, frequency: FloatArray, size: float, rng: np.random.Generator) -> FloatArray:
-    """Sum velocity tones of acceleration amplitude `size` ``(n, 3)``; frequencies ``(m, 3)`` [Hz]."""
+    """Sum velocity sine waves ``(n, 3)`` of acceleration amplitude `size` [m/s^2] and frequencies ``(m, 3)`` [Hz]."""
     phase = rng.uniform(0.0, 2.0 * np.pi, frequency.shape)
     total = np.zeros((len(t), 3))
     for f, p in zip(frequency, phase, strict=True):
@@ -139,14 +139,14 @@ def _tones(t: FloatArray, frequency: FloatArray, size: float, rng: np.random.Gen
 
 
 def step(x: FloatArray) -> FloatArray:
-    """Rise from 0 to 1 on [0, 1], four derivatives zero at both ends; constant outside."""
+    """Rise smoothly from 0 to 1 on [0, 1], with four zero derivatives at both ends; constant outside."""
     x = np.clip(x, 0.0, 1.0)
     value: FloatArray = x**5 * np.polyval(STEP[::-1], x)
     return value
 
 
 def step_area(x: FloatArray) -> FloatArray:
-    """Integral of `step` from 0."""
+    """Integrate `step` from 0."""
     inside = np.clip(x, 0.0, 1.0)
     area: FloatArray = inside**6 * np.polyval(
         [c / k for k, c in zip(range(10, 5, -1), STEP[::-1], strict=True)], inside
@@ -155,7 +155,7 @@ def step_area(x: FloatArray) -> FloatArray:
 
 
 def bump(x: FloatArray) -> FloatArray:
-    """Rise from 0 to 1 and back on [0, 1], three derivatives zero at both ends: the slope of `step`, scaled."""
+    """Rise smoothly from 0 to 1 and back on [0, 1], three derivatives zero at both ends: the scaled slope of `step`."""
     x = np.clip(x, 0.0, 1.0)
     value: FloatArray = (4.0 * x * (1.0 - x)) ** 4
     return value
@@ -163,13 +163,13 @@ def bump(x: FloatArray) -> FloatArray:
 
 @dataclass(frozen=True)
 class Rise:
-    """Change by `total` at a rate that rises smoothly to `rate`, stays, and falls: a rounded trapezoid.
+    """Change by `total` at a rate that rises smoothly to `rate`, stays constant, and falls: a rounded trapezoid.
 
     If `total` is too small the rate remains lower, and rises and falls with the same slope.
     """
 
-    total: float  # change, of either sign
-    limit: float  # largest rate, above 0 [1/s]
+    total: float  # total change, of either sign
+    limit: float  # upper limit of the rate, above 0 [1/s]
     ramp_limit: float  # time in which the rate goes from 0 to `limit` [s]
 
     @cached_property
@@ -180,7 +180,7 @@ class Rise:
 
     @cached_property
     def ramp(self) -> float:
-        """Time to reach this rate [s]."""
+        """Time from rate 0 to `rate` [s]."""
         return self.ramp_limit * abs(self.rate) / self.limit
 
     @cached_property
@@ -190,7 +190,7 @@ class Rise:
 
     @property
     def frequency(self) -> float:
-        """Frequency of an oscillation as sharp as the ramps, each three quarters of its period; 0 without [Hz]."""
+        """Equivalent frequency of the ramps, if a ramp is three quarters of a period [Hz]; 0 without ramps."""
         return 0.75 / self.ramp if self.total and self.ramp else 0.0
 
     def slope(self, t: FloatArray) -> FloatArray:
@@ -217,9 +217,9 @@ _TRANSITION = 0.5  # shortest time to begin or end a turn [s]
 class State:
     """State of a vehicle between two moves."""
 
-    speed: float = 0.0  # Forward [m/s]
-    heading: float = 0.0  # not wrapped [rad]
-    # of a table on a slide: roll, pitch, yaw, each axis carried by the next [rad]; None after a free spin
+    speed: float = 0.0  # forward speed [m/s]
+    heading: float = 0.0  # heading, not wrapped [rad]
+    # roll, pitch, yaw of a table on a slide [rad]: pitch turns the roll axis, yaw turns both axes. None after a spin
     table: tuple[float, float, float] | None = (0.0, 0.0, 0.0)
 
 
@@ -227,17 +227,17 @@ class State:
 class Move:
     """Move of a vehicle."""
 
-    duration: float  # [s]
+    duration: float  # duration of the move [s]
     # initial and final state of the vehicle
     begin: State
     end: State
-    # Forward speed [m/s], heading [rad], climb angle [rad]; None if constant
+    # forward speed [m/s], heading [rad], climb angle [rad] over time; None if constant
     speed: Course | None = None
     heading: Course | None = None
     grade: Course | None = None
     right: Course | None = None  # velocity to the right [m/s]
     body: Course | None = None  # rotation vector ``(n, 3)`` of the body in the vehicle since the beginning [rad]
-    # highest frequency of the move, by oscillation or sharpness of changes, or 0 [Hz]
+    # highest frequency of the move [Hz], from its oscillation or from its fastest change; 0: no change
     frequency: float = 0.0
 
 
@@ -254,7 +254,7 @@ def change_speed(state: State, to: float, acceleration: float, jerk: float) -> M
 
 
 def turn(state: State, angle: float, rate: float, jerk: float) -> Move:
-    """Turn by an angle [rad] with a largest rate [rad/s]; `jerk` limits the growth of lateral force [m/s^3]."""
+    """Turn by an angle [rad] with a largest rate [rad/s] and a largest lateral jerk [m/s^3]."""
     rise = _turning(state, angle, rate, jerk)
     end = replace(state, heading=state.heading + angle)
     return Move(rise.duration, state, end, heading=lambda t: state.heading + rise(t), frequency=rise.frequency)
@@ -276,11 +276,11 @@ def climb(state: State, height: float, angle: float, acceleration: float, jerk: 
         t = np.linspace(0.0, rise.duration, _FINE)
         return 2.0 * state.speed * float(np.trapezoid(np.sin(rise(t)), t))
 
-    if abs(gained(angle)) > abs(height):  # the bends alone exceed the height: use a flatter path
+    if abs(gained(angle)) > abs(height):  # the bends alone would exceed the height: use a flatter path
         angle = float(brentq(lambda gamma: abs(gained(gamma)) - abs(height), 0.0, angle, xtol=1e-12))
     rise = bend(angle)
-    held = rise.duration + max(0.0, (abs(height) - abs(gained(angle))) / (state.speed * math.sin(angle)))
-    return Move(held + rise.duration, state, state, grade=_up_and_down(rise, held), frequency=rise.frequency)
+    fall_at = rise.duration + max(0.0, (abs(height) - abs(gained(angle))) / (state.speed * math.sin(angle)))
+    return Move(fall_at + rise.duration, state, state, grade=_up_and_down(rise, fall_at), frequency=rise.frequency)
 
 
 def helix(state: State, angle: float, rate: float, height: float, jerk: float) -> Move:
@@ -307,10 +307,10 @@ def helix(state: State, angle: float, rate: float, height: float, jerk: float) -
 
 def lane_change(state: State, offset: float, duration: float) -> Move:
     """Drive to a lane `offset` [m] to the right, in a time [s], and continue in the original direction."""
-    size = offset / (duration * BUMP_AREA) / state.speed
+    sine = offset / (duration * BUMP_AREA) / state.speed
 
     def heading(t: FloatArray) -> FloatArray:
-        return np.asarray(state.heading + np.arcsin(np.clip(size * bump(t / duration), -1.0, 1.0)))
+        return np.asarray(state.heading + np.arcsin(np.clip(sine * bump(t / duration), -1.0, 1.0)))
 
     return Move(duration, state, state, heading=heading, frequency=2.0 / duration)
 
@@ -326,10 +326,10 @@ def slide(state: State, length: float, speed: float, acceleration: float, jerk: 
     if least(speed) > distance:
         speed = float(brentq(lambda v: least(v) - distance, 1e-9, speed, xtol=1e-15))
     rise = Rise(speed, acceleration, ramp)
-    held = max(rise.duration, distance / speed)
+    fall_at = max(rise.duration, distance / speed)
     sign = math.copysign(1.0, length)
-    pace = _up_and_down(rise, held)
-    return Move(held + rise.duration, state, state, speed=lambda t: sign * pace(t), frequency=rise.frequency)
+    pace = _up_and_down(rise, fall_at)
+    return Move(fall_at + rise.duration, state, state, speed=lambda t: sign * pace(t), frequency=rise.frequency)
 
 
 def spin(state: State, axis: FloatArray, angle: float, rate: float, acceleration: float) -> Move:
@@ -342,18 +342,18 @@ def spin(state: State, axis: FloatArray, angle: float, rate: float, acceleration
     return Move(rise.duration, state, replace(state, table=None), body=body, frequency=rise.frequency)
 
 
-AXES = ("x", "y", "roll", "pitch", "yaw")  # of a slide, forward and to the right [m], and of the table on it [rad]
-_SMALL_TURN = 0.01  # of a table axis, to find its direction in the body [rad]
-_BOTH = 0.96  # share of the largest acceleration for each of the components along and across a circle
+AXES = ("x", "y", "roll", "pitch", "yaw")  # of a slide: forward, right [m]; of its table: angles [rad]
+_SMALL_TURN = 0.01  # rotation of a table axis, to find its direction in the body [rad]
+_BOTH = 0.96  # largest acceleration along, and across, a circle, as a share of the given limit
 
 
 def linear(state: State, change: FloatArray, rate: FloatArray, acceleration: FloatArray) -> Move:
-    """Move all axes by `change` in a straight line, at the pace of the slowest axis.
+    """Move all axes by `change`, proportionally, at the pace of the slowest axis.
 
-    `change`, `rate`, `acceleration` (5,): by `AXES`, with the largest rate and acceleration of each.
+    `change`, `rate`, `acceleration` (5,): change, largest rate and largest acceleration of each of the `AXES`.
     """
-    size = np.abs(change)[change != 0.0]
-    pace, gain = (float(np.min(limit[change != 0.0] / size)) for limit in (rate, acceleration))
+    distances = np.abs(change)[change != 0.0]
+    pace, gain = (float(np.min(limit[change != 0.0] / distances)) for limit in (rate, acceleration))
     rise = Rise(1.0, pace, STEEPEST * pace / gain)
     return _carried(state, rise, lambda s: s[:, None] * change, lambda s: np.tile(change, (len(s), 1)))
 
@@ -382,26 +382,26 @@ def circular(
 
 
 def _carried(state: State, rise: Rise, way: Course, slope: Course) -> Move:
-    """Move slide and table along a path over a rising parameter: offsets and their derivative, (n, 5)."""
+    """Move slide and table along a path `way` with derivative `slope`, (n, 5), over a parameter that follows `rise`."""
     turned = np.abs(way(np.linspace(0.0, rise.total, _FINE))[:, 2:]).max(axis=0)
     table = np.array(state.table or (0.0, 0.0, 0.0))
-    back = quat_conjugate(quat_from_rph(table[None]))
+    inverse = quat_conjugate(quat_from_rph(table[None]))
 
     def rotation(angles: FloatArray) -> FloatArray:
-        return rotvec_from_quat(quat_multiply(np.tile(back, (len(angles), 1)), quat_from_rph(table + angles)))
+        return rotvec_from_quat(quat_multiply(np.tile(inverse, (len(angles), 1)), quat_from_rph(table + angles)))
 
     def body(t: FloatArray) -> FloatArray:
         angles = way(rise(t))[:, 2:]
         if np.count_nonzero(turned) > 1:
             return rotation(angles)
-        axes = rotation(_SMALL_TURN * np.eye(3)) / _SMALL_TURN  # a single axis keeps its direction, for any angle
+        axes = rotation(_SMALL_TURN * np.eye(3)) / _SMALL_TURN  # a single axis keeps its direction: any angle is valid
         return np.asarray(angles @ axes)
 
     def along(axis: int) -> Course:
         return lambda t: slope(rise(t))[:, axis] * rise.slope(t)
 
-    to = table + way(np.array([rise.total]))[0, 2:]
-    end, turning = (replace(state, table=tuple(to.tolist())), body) if turned.any() else (state, None)
+    table_end = table + way(np.array([rise.total]))[0, 2:]
+    end, turning = (replace(state, table=tuple(table_end.tolist())), body) if turned.any() else (state, None)
     return Move(rise.duration, state, end, speed=along(0), right=along(1), body=turning, frequency=rise.frequency)
 
 
@@ -431,7 +431,7 @@ def sculling(state: State, angle: float, acceleration: float, frequency: float, 
 
 
 def _up_and_down(rise: Rise, held: float) -> Course:
-    """Rise, and from `held` [s] on fall again."""
+    """Build a course that follows `rise`, and falls likewise from `held` [s] on."""
     return lambda t: np.asarray(rise(np.minimum(t, held)) - rise(t - held))
 
 

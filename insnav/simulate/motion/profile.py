@@ -1,6 +1,6 @@
 """Motion profile (``*.toml``): start and segments of a drive, in order, and their conversion to an exact motion.
 
-Moves or waypoints give commanded speed, heading and grade, and these the motion of a body.
+Moves or waypoints determine commanded speed, heading and climb angle. These commands determine the body motion.
 """
 
 from __future__ import annotations
@@ -27,14 +27,14 @@ from insnav.simulate.truth import EarthTruth, LevelTruth, Spline, Truth, Turns, 
 from insnav.types import FloatArray
 from insnav.units import G0
 
-_SPACINGS = (0.04, 0.02, 0.01, 0.005, 0.0025, 0.002, 0.001)  # of knots: round, to coincide with samples [s]
-_PER_PERIOD = 20.0  # knots in the shortest period of a coning or sculling motion
+_SPACINGS = (0.04, 0.02, 0.01, 0.005, 0.0025, 0.002, 0.001)  # of knots: round, so that knots meet samples [s]
+_PER_PERIOD = 20.0  # knots per shortest period of a move, for example of coning
 _POLAR = math.radians(80.0)  # latitude beyond which Earth-fixed axes are used [rad]
-_DEGREE = 7
-_PASSES = 4
-_LONGEST = 48.0 * 3600.0  # [s]
+_DEGREE = 7  # degree of the splines
+_PASSES = 4  # iterations of `earth_path`
+_LONGEST = 48.0 * 3600.0  # longest duration of a motion [s]
 _MAX_MOVES = 20_000
-_HIGHEST_VIBRATION = 100.0  # [Hz]
+_HIGHEST_VIBRATION = 100.0  # highest frequency of a vibration [Hz]
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,46 +42,46 @@ class Start:
     """Initial state of a motion."""
 
     lla: FloatArray  # (3,) latitude [rad], longitude [rad], height [m]
-    # [rad], [m/s]
+    # heading [rad], forward speed [m/s]
     heading: float
     speed: float
-    # of the IMU in the level vehicle [rad]
+    # attitude of the IMU in the level vehicle [rad]
     roll: float
     pitch: float
-    time: float  # [s]
+    time: float  # time at the start [s]
 
 
 @dataclass(frozen=True, slots=True)
 class Commands:
-    """Commanded motion of the vehicle, at evenly spaced instants."""
+    """Commanded motion of the vehicle at n evenly spaced instants."""
 
-    time: FloatArray  # (n,) since the start [s]
-    # (n,) Forward [m/s], [rad], [rad], to the right [m/s]
+    time: FloatArray  # (n,) time since the start [s]
+    # (n,) forward speed [m/s], heading [rad], climb angle [rad], velocity to the right [m/s]
     speed: FloatArray
     heading: FloatArray
     grade: FloatArray
     right: FloatArray
-    duration: float  # [s]
+    duration: float  # duration of the motion [s]
 
 
 def spacing_of(moves: Sequence[Move], vibration: Vibration) -> float:
-    """Choose the knot spacing for the fastest of all these motions [s]."""
+    """Choose the knot spacing for the highest frequency of moves and vibration [s]."""
     fastest = max((move.frequency for move in moves), default=0.0)
     needed = min(1.0 / (_PER_PERIOD * fastest) if fastest else 1.0, 0.25 / vibration.highest)
     return next((spacing for spacing in _SPACINGS if spacing <= needed * (1.0 + 1e-9)), _SPACINGS[-1])
 
 
 def commands_of(moves: Sequence[Move], spacing: float) -> Commands:
-    """Concatenate the moves."""
+    """Convert successive moves to commands at instants `spacing` [s] apart."""
     edges = np.concatenate([[0.0], np.cumsum([move.duration for move in moves])])
     # knots at round times coincide with samples, which avoids slivers in the quadrature
     t: FloatArray = spacing * np.arange(math.ceil(edges[-1] / spacing - 1e-9) + 1.0)
-    held = np.minimum(t, edges[-1])
-    first = np.searchsorted(held, edges, side="left")
+    clipped = np.minimum(t, edges[-1])  # times after the last move repeat its end
+    first = np.searchsorted(clipped, edges, side="left")  # number of the first instant of each move
     first[-1] = len(t)
     speed, heading, grade, right = (np.zeros(len(t)) for _ in range(4))
     for move, begin, a, b in zip(moves, edges, first[:-1], first[1:], strict=False):
-        local = held[a:b] - begin
+        local = clipped[a:b] - begin
         speed[a:b] = move.begin.speed if move.speed is None else move.speed(local)
         heading[a:b] = move.begin.heading if move.heading is None else move.heading(local)
         grade[a:b] = 0.0 if move.grade is None else move.grade(local)
@@ -92,14 +92,14 @@ def commands_of(moves: Sequence[Move], spacing: float) -> Commands:
 def truth_of(
     commands: Commands, moves: Sequence[Move], start: Start, vehicle: Kind, vibration: Vibration, seed: Seed
 ) -> Truth:
-    """Build the exact motion of a vehicle from its commands, with moves that rotate its body.
+    """Build the exact motion of a vehicle from its commands, and from moves that rotate its body.
 
-    The rates of position are splines through the commanded ones, integrated as polynomials; attitude is a spline, too.
-    All outputs of the truth are derivatives of these. The knots determine how closely commands are followed, not the
-    consistency of the motion.
+    The velocity is a spline through the commanded velocity; its exact integral is the position. Attitude is a spline,
+    too. All outputs of the truth are derivatives of these splines. The knots determine how closely the motion follows
+    the commands, not its consistency.
 
-    Returns: truth in latitude, longitude, height and roll, pitch, heading. Beyond 80 deg of latitude, or with body
-    rotation, it uses Earth-fixed axes, and the heading counts from the great circle that starts northward.
+    Returns: truth in latitude, longitude, height and roll, pitch, heading. Beyond 80 deg of latitude or pitch, or with
+    body rotation, the truth uses Earth-fixed axes. Its heading then counts from the great circle that starts northward.
     """
     t = commands.time
     rates = spline_through(t, np.column_stack([commands.speed, commands.heading, commands.grade]))(t, 1)
@@ -128,12 +128,12 @@ def position_curve(t: FloatArray, velocity: FloatArray, lla: FloatArray) -> Spli
 
     Latitude [rad], longitude [rad], height [m].
     """
-    here = np.tile(np.asarray(lla, dtype=np.float64), (len(t), 1))
-    # The rates depend on position only through radii and parallel, which change by parts in 1e7 per metre. Trapezoids
-    # are accurate enough, and each pass gains five digits on 100 km.
+    positions = np.tile(np.asarray(lla, dtype=np.float64), (len(t), 1))
+    # The rates depend on position only through the radii of curvature and the length of the parallel, which change by
+    # parts in 1e7 per metre. Trapezoids are accurate enough, and each pass gains five digits on 100 km.
     for _ in range(3):
-        rates = velocity / metres_per_unit(here)
-        here = lla + cumulative_trapezoid(rates, t, axis=0, initial=0.0)
+        rates = velocity / metres_per_unit(positions)
+        positions = lla + cumulative_trapezoid(rates, t, axis=0, initial=0.0)
     return spline_through(t, rates).integral()
 
 
@@ -148,24 +148,24 @@ def earth_path(t: FloatArray, velocity: FloatArray, lla: FloatArray) -> tuple[Sp
     start = quat_earth_from_level(lla[None])[0]
     axes = np.tile(start, (len(t), 1))
     height = lla[2] + cumulative_trapezoid(velocity[:, 2], t, initial=0.0)
-    # In the moving axes the rotation depends on position only by the radii of curvature: each pass gains two digits or
-    # more.
+    # In the moving axes, the rotation depends on position only through the radii of curvature: each pass gains two
+    # digits.
     for _ in range(_PASSES):
         north_axis, east_axis, down = _columns(axes)
         sine = -down[:, 2]
         meridian, transverse = radii(np.arcsin(np.clip(sine, -1.0, 1.0)))
-        # the ellipsoid has a larger radius of curvature along the parallel: Euler's theorem
-        away = np.column_stack([-sine * -down[:, 0], -sine * -down[:, 1], 1.0 - sine**2])
-        away /= np.maximum(np.linalg.norm(away, axis=1, keepdims=True), 1e-12)
-        across = np.cross(down, away)
+        # split the velocity along meridian and parallel, whose radii of curvature differ (Euler's theorem)
+        northward = np.column_stack([-sine * -down[:, 0], -sine * -down[:, 1], 1.0 - sine**2])
+        northward /= np.maximum(np.linalg.norm(northward, axis=1, keepdims=True), 1e-12)
+        eastward = np.cross(down, northward)
         v_e = velocity[:, :1] * north_axis + velocity[:, 1:2] * east_axis
-        along = np.einsum("ij,ij->i", v_e, away) / (meridian + height)
-        aside = np.einsum("ij,ij->i", v_e, across) / (transverse + height)
-        tilt = along[:, None] * away + aside[:, None] * across  # rotation of the upward normal per second
+        along = np.einsum("ij,ij->i", v_e, northward) / (meridian + height)
+        aside = np.einsum("ij,ij->i", v_e, eastward) / (transverse + height)
+        tilt = along[:, None] * northward + aside[:, None] * eastward  # rotation rate of the upward normal [rad/s]
         turn_e = np.cross(-down, tilt)
-        # the same in the moving axes: a rotation from the right, summed as small rotations
+        # resolved in the moving axes, the rotation multiplies from the right; it is a sum of small rotations
         turn = np.column_stack([np.einsum("ij,ij->i", turn_e, axis) for axis in (north_axis, east_axis, down)])
-        angle = cumulative_trapezoid(turn, t, axis=0, initial=0.0)
+        angle = cumulative_trapezoid(turn, t, axis=0, initial=0.0)  # sum of small rotations
         axes = quat_multiply(np.tile(start, (len(t), 1)), _wound(angle))
     north_axis, east_axis, down = _columns(axes)
     v_e = velocity[:, :1] * north_axis + velocity[:, 1:2] * east_axis - velocity[:, 2:] * down
@@ -173,9 +173,9 @@ def earth_path(t: FloatArray, velocity: FloatArray, lla: FloatArray) -> tuple[Sp
 
 
 def _wound(angle: FloatArray) -> FloatArray:
-    """Compute quaternions after successive small rotations, from their sums ``(n, 3)`` [rad], by doubling."""
+    """Compute quaternions (n, 4) after successive small rotations, from their cumulative sums ``(n, 3)`` [rad]."""
     steps = quat_from_rotvec(np.diff(angle, axis=0, prepend=angle[:1]))
-    reach = 1
+    reach = 1  # length of the products so far; it doubles in each turn of the loop
     while reach < len(steps):
         steps[reach:] = quat_multiply(steps[:-reach], steps[reach:])
         reach *= 2
@@ -188,13 +188,13 @@ def _columns(q: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
 
 
 def turns_of(moves: Sequence[Move], spacing: float) -> Turns:
-    """Build the body rotations in the vehicle, one section per move."""
+    """Build the rotation of the body relative to the vehicle, one section per move."""
     edges, base = [0.0], [np.array([1.0, 0.0, 0.0, 0.0])]
     pieces, breaks = [], [np.zeros(1)]
     for move in moves:
         begin = edges[-1]
         if move.body is None:
-            pieces.append(np.zeros((_DEGREE + 1, 1, 3)))
+            pieces.append(np.zeros((_DEGREE + 1, 1, 3)))  # no rotation during this move
             breaks.append(np.array([begin + move.duration]))
             after = base[-1]
         else:
@@ -203,7 +203,7 @@ def turns_of(moves: Sequence[Move], spacing: float) -> Turns:
             polynomials = spline_through(local, move.body(local), _DEGREE).polynomials
             pieces.append(polynomials.c)
             breaks.append(begin + polynomials.x[1:])
-            after = quat_multiply(base[-1][None], quat_from_rotvec(move.body(local[-1:])))[0]
+            after = quat_multiply(base[-1][None], quat_from_rotvec(move.body(local[-1:])))[0]  # attitude after the move
         edges.append(float(breaks[-1][-1]))
         base.append(after)
     polynomials = PPoly(np.concatenate(pieces, axis=1), np.concatenate(breaks))
@@ -217,9 +217,10 @@ _FINE = 4001
 def way_through(
     lla: FloatArray, speed: FloatArray, spacing: float, vehicle: Kind
 ) -> tuple[Commands | None, list[ConfigError]]:
-    """Build the path through points at even instants `spacing` apart [s], or report why it cannot be driven.
+    """Build the commands of a drive through waypoints, at instants `spacing` apart [s], or report why it is infeasible.
 
-    Zero speed at the first and the last of the points `lla` gives a drive from rest to rest. Errors name their points.
+    `lla` (m, 3): waypoints. `speed` (m,): zero at the first and last for a drive from rest to rest. Errors name
+    waypoints.
 
     Notes
     -----
@@ -231,15 +232,15 @@ def way_through(
     chords = np.linalg.norm(np.diff(offset[:, :2], axis=0), axis=1)
     legs = [f"waypoints {i + 1} and {i + 2}" for i in range(len(chords))]
     problems = [ConfigError("sim.same_place", where=legs[i]) for i in np.flatnonzero(chords < 1e-3)]
-    both = (speed[:-1] == 0.0) & (speed[1:] == 0.0)
-    problems += [ConfigError("sim.no_speed", where=legs[i]) for i in np.flatnonzero(both)]
-    own: dict[str, Any] = {"vehicle": vehicle.name}
+    standing = (speed[:-1] == 0.0) & (speed[1:] == 0.0)
+    problems += [ConfigError("sim.no_speed", where=legs[i]) for i in np.flatnonzero(standing)]
+    values_common: dict[str, Any] = {"vehicle": vehicle.name}
     acceleration = np.abs(np.diff(speed**2)) / np.maximum(2.0 * chords, 1e-3)
     for i in np.flatnonzero(acceleration > vehicle.forward):
-        values = own | {"acceleration_m_s2": float(acceleration[i]), "limit_m_s2": vehicle.forward}
+        values = values_common | {"acceleration_m_s2": float(acceleration[i]), "limit_m_s2": vehicle.forward}
         problems.append(ConfigError("sim.too_fast_acceleration", where=legs[i], **values))
     for i in np.flatnonzero(speed > vehicle.speed):
-        values = own | {"speed_m_s": float(speed[i]), "limit_m_s": vehicle.speed}
+        values = values_common | {"speed_m_s": float(speed[i]), "limit_m_s": vehicle.speed}
         problems.append(ConfigError("sim.too_fast", where=f"waypoint {i + 1}", **values))
     if problems:
         return None, problems
@@ -248,33 +249,33 @@ def way_through(
     fine = np.linspace(0.0, chord[-1], max(_FINE, 20 * len(chord)))
     slope = line(fine, nu=1) if line is not None else np.tile(offset[1, :2] / chord[1], (len(fine), 1))
     bend = line(fine, nu=2) if line is not None else np.zeros_like(slope)
-    stretch = np.linalg.norm(slope, axis=1)
+    stretch = np.linalg.norm(slope, axis=1)  # length of the line per length of chord
     curvature = np.abs(slope[:, 0] * bend[:, 1] - slope[:, 1] * bend[:, 0]) / stretch**3
     square = np.interp(fine, chord, speed**2)
     sideways = curvature * square
     worst = int(np.argmax(sideways))
     if sideways[worst] > vehicle.sideways:
         number = int(np.searchsorted(chord, fine[worst], side="right"))
-        own |= {"acceleration_m_s2": float(sideways[worst]), "limit_m_s2": vehicle.sideways}
-        return None, [ConfigError("sim.sideways_at_waypoint", where=f"near waypoint {number}", **own)]
-    # along the line: length, and time, exact for constant acceleration between neighbouring instants
+        values_common |= {"acceleration_m_s2": float(sideways[worst]), "limit_m_s2": vehicle.sideways}
+        return None, [ConfigError("sim.sideways_at_waypoint", where=f"near waypoint {number}", **values_common)]
+    # length and time along the line; time is exact for constant acceleration between neighbouring points
     length = np.concatenate([[0.0], np.cumsum(0.5 * (stretch[1:] + stretch[:-1]) * np.diff(fine))])
     v = np.sqrt(square)
-    when = np.concatenate([[0.0], np.cumsum(np.diff(length) * 2.0 / np.maximum(v[1:] + v[:-1], 1e-9))])
-    count = int(np.ceil((when[-1] + 2.0 * _SMOOTHING) / spacing)) + 1
+    arrival = np.concatenate([[0.0], np.cumsum(np.diff(length) * 2.0 / np.maximum(v[1:] + v[:-1], 1e-9))])
+    count = int(np.ceil((arrival[-1] + 2.0 * _SMOOTHING) / spacing)) + 1
     t: FloatArray = spacing * np.arange(count, dtype=np.float64)
-    # symmetric smoothing preserves the total length
+    # smooth symmetrically, which preserves the total length
     half = max(1, round(0.5 * _SMOOTHING / spacing))
     x = np.arange(-half, half + 1) / (half + 1.0)
     kernel = (1.0 - x**2) ** 4
-    pace = np.interp(t - _SMOOTHING, when, v, left=float(v[0]), right=float(v[-1]))
+    pace = np.interp(t - _SMOOTHING, arrival, v, left=float(v[0]), right=float(v[-1]))
     smooth = np.convolve(np.pad(pace, half, mode="edge"), kernel / kernel.sum(), mode="valid")
     travelled = np.concatenate([[0.0], np.cumsum(0.5 * (smooth[1:] + smooth[:-1]) * spacing)])
-    travelled -= v[0] * _SMOOTHING
-    at = np.interp(travelled, length, fine)
+    travelled -= v[0] * _SMOOTHING  # the first `_SMOOTHING` seconds lie before the first waypoint
+    chord_at = np.interp(travelled, length, fine)
     course = np.unwrap(np.arctan2(slope[:, 1], slope[:, 0]))
-    rise = PchipInterpolator(chord, lla[:, 2])(at, nu=1) / np.interp(at, fine, stretch)
-    return Commands(t, smooth, np.interp(at, fine, course), np.arctan(rise), np.zeros_like(t), float(t[-1])), []
+    rise = PchipInterpolator(chord, lla[:, 2])(chord_at, nu=1) / np.interp(chord_at, fine, stretch)
+    return Commands(t, smooth, np.interp(chord_at, fine, course), np.arctan(rise), np.zeros_like(t), float(t[-1])), []
 
 
 def _latitude(value: object) -> float:
@@ -344,7 +345,7 @@ class MotionProfile:
     _way: Commands | None
 
     def truth(self, seed: Seed) -> Truth:
-        """Build the exact motion; only its vibration is random."""
+        """Build the exact motion; only its vibration depends on `seed`."""
         commands = self._way or commands_of(self._moves, spacing_of(self._moves, self._vibration))
         return truth_of(commands, self._moves, self._start, self._vehicle, self._vibration, seed)
 
@@ -361,8 +362,8 @@ def load_profile(name_or_path: str | Path, library: Path | None = None) -> Motio
     segments: list[tuple[str, Segment]] = []
     listed = data.get("segment")
     if isinstance(listed, list):
-        segments, more = _read(listed, "segment")
-        problems += more
+        segments, errors = _read(listed, "segment")
+        problems += errors
     if not data.get("waypoint"):
         if not data.get("start"):
             problems.append(ConfigError("sim.no_start", where="start"))
@@ -381,7 +382,7 @@ def load_profile(name_or_path: str | Path, library: Path | None = None) -> Motio
     if duration > _LONGEST:
         raise ConfigError("sim.too_long", where=str(path), duration_s=duration, limit_s=_LONGEST)
     name = path.stem if file.name is None else file.name
-    # the name is part of the text: a copy under another name is the same profile
+    # put the name into the text, so that a copy of the file under another name is the same profile
     text = path.read_text(encoding="utf-8-sig")
     if file.name is None:
         text = f'name = "{name}"\n{text}'
@@ -393,57 +394,57 @@ def _read(listed: list[Any], path: str) -> tuple[list[tuple[str, Segment]], list
     segments: list[tuple[str, Segment]] = []
     problems: list[ConfigError] = []
     for number, data in enumerate(listed, start=1):
-        place = f"{path} {number}"
+        label = f"{path} {number}"
         kind = data.get("kind") if isinstance(data, dict) else None
         if kind not in SEGMENTS:
             if kind is None:
-                problems.append(ConfigError("sim.segment_without_kind", where=place, known=tuple(SEGMENTS)))
+                problems.append(ConfigError("sim.segment_without_kind", where=label, known=tuple(SEGMENTS)))
             else:
                 kinds = similar(str(kind), SEGMENTS)
-                problems.append(ConfigError("sim.unknown_kind", where=place, kind=str(kind)[:100], **kinds))
+                problems.append(ConfigError("sim.unknown_kind", where=label, kind=str(kind)[:100], **kinds))
             continue
-        place = f"{place} ({kind})"
-        segment, more = checked(SEGMENTS[kind], data)
-        for problem in more:
-            problem.where = ": ".join(filter(None, (place, problem.where)))
-        problems += more
+        label = f"{label} ({kind})"
+        segment, errors = checked(SEGMENTS[kind], data)
+        for problem in errors:
+            problem.where = ": ".join(filter(None, (label, problem.where)))
+        problems += errors
         if kind == "repeat":
             listed_inside = data.get("segment")
-            inner, more = _read(listed_inside if isinstance(listed_inside, list) else [], f"{place}, segment")
-            problems += more
+            inner, errors = _read(listed_inside if isinstance(listed_inside, list) else [], f"{label}, segment")
+            problems += errors
             count = segment.count if isinstance(segment, Repeat) else 0
             if len(segments) + count * len(inner) > _MAX_MOVES:
                 problems.append(ConfigError("sim.many_moves", where=path, limit=_MAX_MOVES))
                 break
             segments += inner * count
         elif segment is not None:
-            segments.append((place, segment))
+            segments.append((label, segment))
     return segments, problems
 
 
 def _segments(
     file: _ProfileFile, segments: list[tuple[str, Segment]], vehicle: Kind, problems: list[ConfigError]
 ) -> tuple[Start, list[Move], None]:
-    given = file.start
-    assert given is not None
-    if given.speed > vehicle.speed:
-        values: dict[str, Any] = {"speed_m_s": given.speed, "limit_m_s": vehicle.speed}
+    table = file.start
+    assert table is not None
+    if table.speed > vehicle.speed:
+        values: dict[str, Any] = {"speed_m_s": table.speed, "limit_m_s": vehicle.speed}
         problems.append(ConfigError("sim.too_fast", where="start.speed", vehicle=vehicle.name, **values))
-    place = np.array([given.lat, given.lon, given.height])
-    start = Start(place, given.heading, given.speed, given.roll, given.pitch, given.time)
+    lla = np.array([table.lat, table.lon, table.height])
+    start = Start(lla, table.heading, table.speed, table.roll, table.pitch, table.time)
     state, moves = State(start.speed, start.heading), list[Move]()
     for name, segment in segments:
         try:
-            made = segment.moves(state, vehicle)
+            built = segment.moves(state, vehicle)
         except ConfigError as problem:
             problem.where = name
-            if problem.as_dict() not in [each.as_dict() for each in problems]:  # reported once, not in each repetition
+            if problem.as_dict() not in [each.as_dict() for each in problems]:  # report it once, not in each repetition
                 problems.append(problem)
-            # continue from the intended end, to judge later segments fairly
+            # continue from the intended end state, so that later segments are checked from there
             state = State(float(getattr(segment, "to", state.speed)), state.heading)
             continue
-        moves += made
-        state = made[-1].end if made else state
+        moves += built
+        state = built[-1].end if built else state
         if len(moves) > _MAX_MOVES:
             problems.append(ConfigError("sim.many_moves", where="segment", limit=_MAX_MOVES))
             break
@@ -463,8 +464,8 @@ def _waypoints(
         return Start(np.zeros(3), 0.0, 0.0, 0.0, 0.0, 0.0), [], None
     lla = np.array([[point.lat, point.lon, point.height] for point in file.waypoint])
     speed: FloatArray = np.array([point.speed for point in file.waypoint])
-    way, more = way_through(lla, speed, spacing_of((), vibration), vehicle)
-    problems += more
+    way, way_problems = way_through(lla, speed, spacing_of((), vibration), vehicle)
+    problems += way_problems
     return Start(lla[0], 0.0 if way is None else float(way.heading[0]), float(speed[0]), 0.0, 0.0, 0.0), [], way
 
 
@@ -488,7 +489,7 @@ def _find(name_or_path: str | Path, folder: Path | None) -> Path:
     path = Path(name_or_path)
     if path.suffix == ".toml" or isinstance(name_or_path, Path):
         return path
-    profiles = {found.stem: found for found in library(folder)}
+    profiles = {file.stem: file for file in library(folder)}
     if str(name_or_path) in profiles:
         return profiles[str(name_or_path)]
     raise ConfigError(

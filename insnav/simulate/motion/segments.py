@@ -1,4 +1,4 @@
-"""Segments of a motion profile as in its file, and their moves."""
+"""Segments of a motion profile, as written in its file, and their conversion to moves."""
 
 from __future__ import annotations
 
@@ -87,8 +87,8 @@ class ChangeSpeed(Segment):
         _bearable("sim.too_fast_acceleration", acceleration, vehicle.forward, vehicle)
         if self.to > vehicle.speed:
             raise ConfigError("sim.too_fast", vehicle=vehicle.name, speed_m_s=self.to, limit_m_s=vehicle.speed)
-        slower, wanted = self.to < state.speed, self.kind
-        if (wanted == "accelerate" and slower) or (wanted in ("brake", "stop") and self.to > state.speed):
+        slower, kind = self.to < state.speed, self.kind
+        if (kind == "accelerate" and slower) or (kind in ("brake", "stop") and self.to > state.speed):
             raise ConfigError("sim.wrong_way", speed_m_s=state.speed, to_m_s=self.to)
         if self.to == state.speed:
             return []
@@ -103,14 +103,14 @@ class Stop(ChangeSpeed):
     wait: Duration = 0.0
 
     def moves(self, state: State, vehicle: Kind) -> list[Move]:
-        made = super().moves(state, vehicle)
+        built = super().moves(state, vehicle)
         if self.wait > 0.0:
-            made.append(moves.stay(replace(state, speed=0.0), self.wait))
-        return made
+            built.append(moves.stay(replace(state, speed=0.0), self.wait))
+        return built
 
 
 class Cruise(Segment):
-    """Continuation for a time or a distance."""
+    """Constant motion for a time or a distance."""
 
     duration: Annotated[float | None, scalar("time")] = None
     distance: Annotated[float | None, scalar("length")] = None
@@ -211,7 +211,7 @@ class LaneChange(Segment):
 
     def moves(self, state: State, vehicle: Kind) -> list[Move]:
         _moving(state, vehicle)
-        # the largest slope of a bump is 3.2 of its height over its length
+        # lateral acceleration, approximately: the exact factor is 9.4, the largest slope of `bump` over its area
         _bearable("sim.sideways_in_lane_change", 8.0 * abs(self.offset) / self.duration**2, vehicle.sideways, vehicle)
         return [moves.lane_change(state, self.offset, self.duration)]
 
@@ -285,7 +285,7 @@ class Sculling(Coning):
 
 
 class _Planned(Segment):
-    """Moves of a slide (m) and its table (deg), with the largest speed and acceleration of each axis."""
+    """Segments that move a slide [m] and its table [deg], with limits of speed and acceleration per axis."""
 
     speed: Speed = 1.0
     acceleration: Acceleration = None
@@ -295,7 +295,7 @@ class _Planned(Segment):
     above_zero = ("speed", "acceleration", "rate", "ramp")
 
     def limits(self, state: State, vehicle: Kind, turned: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return largest rates and accelerations, (5,) by `moves.AXES`. `turned` (3,): rotation of the table [rad]."""
+        """Return largest rates and accelerations, (5,), of `moves.AXES`. `turned` (3,): rotation of the table [rad]."""
         _still(state, vehicle)
         acceleration = vehicle.acceleration if self.acceleration is None else self.acceleration
         if state.speed != 0.0:
@@ -352,7 +352,7 @@ class Circular(_Planned):
     def moves(self, state: State, vehicle: Kind) -> list[Move]:
         first, second = (moves.AXES.index(name) for name in self.axes)
         radius = quantity(self.radius, "length" if first < 2 else "angle", signed=False)
-        reach = 2.0 * radius * np.isin(np.arange(2, 5), (first, second))  # the largest distance from the start
+        reach = 2.0 * radius * np.isin(np.arange(2, 5), (first, second))  # largest distance of a circle from its start
         rate, acceleration = (float(each[first]) for each in self.limits(state, vehicle, reach))
         return [moves.circular(state, (first, second), radius, (self.start, self.angle), (rate, acceleration))]
 
