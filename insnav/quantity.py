@@ -1,4 +1,4 @@
-"""Figure of a result: value, unit, uncertainty and meaning, defined once for text, page and JSON."""
+"""Quantity of a result: value, unit, uncertainty and label, defined once for text, page and JSON."""
 
 from __future__ import annotations
 
@@ -16,25 +16,25 @@ _One: TypeAlias = "float | int | bool | str | FloatArray | Sequence[float] | Seq
 Value: TypeAlias = "_One | Mapping[str, _One]"
 
 
-ABBREVIATIONS = re.compile(r"\b(cdf|cep|dop|gnss|gps|imu|nees|nhc|nis|ned|rms|zaru|zupt)\b")  # in labels
+ABBREVIATIONS = re.compile(r"\b(cdf|cep|dop|gnss|gps|imu|nees|nhc|nis|ned|rms|zaru|zupt)\b")  # in labels: in capitals
 
 
 @dataclass(frozen=True, slots=True)
 class Quantity:
-    """Figure of a result."""
+    """Quantity of a result, with unit and uncertainty."""
 
     key: str  # name in JSON without its unit, such as ``gyro_bias``; the unit is appended
-    # in SI; None if unknown. A mapping has several figures of the same thing, such as ``rms`` and ``max``; each is a
+    # in SI; None if unknown. A mapping has several statistics of the quantity, such as ``rms`` and ``max``, each for a
     # table column.
     value: Value
-    # display unit: of `insnav.units`, another without factor to SI (``V/(deg/s)``), or none
+    # display unit: from `insnav.units`; another, in which `value` is not in SI (``V/(deg/s)``); empty without unit
     unit: str = ""
     sd: Value = None  # one standard deviation, in SI
     interval: tuple[float, float] | None = None  # 95 % interval, in SI
-    meaning: str = ""  # label in text; the key in words if empty
+    meaning: str = ""  # label in text; if empty, the key in words
     digits: int = 3  # significant digits in text, unless `sd` determines them
     mark: str = ""  # appended to the value in text: ``!`` if it exceeds a limit
-    # fixed decimals in text, for values from an arbitrary zero: times, latitudes
+    # number of decimals in text, instead of `digits`, for values counted from an arbitrary zero: times, latitudes
     decimals: int | None = None
 
     @property
@@ -79,7 +79,7 @@ _SUFFIXES = {key_suffix(unit): unit for unit in UNITS}
 
 
 def quantity_of(key: str, value: Any) -> Quantity:
-    """Build a quantity from a key with its unit, such as ``gyro_bias_deg_h``, and its value in that unit.
+    """Build a quantity from a key that ends in the unit, such as ``gyro_bias_deg_h``, and the value in this unit.
 
     Examples
     --------
