@@ -161,7 +161,7 @@ def earth_from_lla(lla: FloatArray) -> FloatArray:
 
 
 def quat_earth_from_level(lla: FloatArray) -> FloatArray:
-    """Compute ``q_en`` (n, 4), from North, East, Down at positions [rad] to Earth-fixed axes (Groves 2013, eq. 2.150)."""
+    """Compute ``q_en`` (n, 4), from North, East, Down at positions [rad] to Earth-fixed axes (Groves, eq. 2.150)."""
     half_lat, half_lon = 0.5 * lla[:, 0], 0.5 * lla[:, 1]
     zero = np.zeros_like(half_lat)
     about_axis = np.column_stack([np.cos(half_lon), zero, zero, np.sin(half_lon)])

@@ -71,9 +71,9 @@ def navigate_platform(
     """Integrate the specific force measured on a north-pointing platform.
 
     `time` (n,): of the samples [s], strictly increasing; each step has its own length. `f_n` (n, 3): specific force
-    North, East, Down at these instants [m/s^2]. Without vertical channel, Down may be ``NaN`` throughout: gravity at the
-    start replaces it. `lla` (3,): initial latitude, longitude [rad], height [m]. `v_n` (3,): initial velocity North,
-    East, Down [m/s].
+    North, East, Down at these instants [m/s^2]. Without vertical channel, Down may be ``NaN`` throughout: gravity at
+    the start replaces it. `lla` (3,): initial latitude, longitude [rad], height [m]. `v_n` (3,): initial velocity
+    North, East, Down [m/s].
 
     `integrator`: ``forward`` uses the rates at the start of each step (Euler), ``backward`` the rates at its end,
     ``mean`` the mean of both. ``fourth`` is the classical fourth-order Runge-Kutta method. It needs the specific force

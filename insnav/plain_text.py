@@ -7,9 +7,7 @@ import textwrap
 import unicodedata
 from typing import Any
 
-NOT_UTF8 = (
-    "backslashreplace"  # error handler: bytes of a file name that are not UTF-8 become escapes, which JSON restores
-)
+NOT_UTF8 = "backslashreplace"  # error handler: file names that are not UTF-8 get escapes, which JSON restores
 _ESCAPE = re.compile(
     r"\x1b\[[0-?]*[ -/]*[@-~]"  # CSI: colours, cursor
     r"|\x1b[\]PX^_].*?(?:\x07|\x1b\\|$)"  # OSC and other strings: titles, links
