@@ -61,8 +61,7 @@ def moving_variance(values: FloatArray, width: int) -> FloatArray:
 def chi2_limit(count: int, share: float) -> float:
     """Compute the value that a sum of `count` squared standard normal numbers exceeds with probability `share`.
 
-    A recurrence from one or two numbers gives the probability (Abramowitz and Stegun 1964, 26.4.4 and 26.4.5).
-    Bisection inverts it.
+    Recurrence of the probability over `count` (Abramowitz and Stegun 1964, 26.4.4 and 26.4.5), inverted by bisection.
     """
 
     def chance(limit: float) -> float:

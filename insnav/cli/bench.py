@@ -107,14 +107,14 @@ app = typer.Typer(
 
 
 def _command(method: str, *shared: str) -> Callable[[Callable[..., None]], Callable[..., None]]:
-    """Build the command of a method, with help. Its ``**how`` is replaced by the `shared` and result options."""
+    """Register the command of a calibration method. Options `shared` and result options replace its ``**how``."""
 
     def decorate(function: Callable[..., None]) -> Callable[..., None]:
-        own = dict(inspect.signature(function, eval_str=True).parameters)
-        if own.pop("how", None):
-            first, *rest = (each.replace(kind=_KEYWORD) for each in own.values())
+        parameters = dict(inspect.signature(function, eval_str=True).parameters)
+        if parameters.pop("how", None):
+            first, *others = (each.replace(kind=_KEYWORD) for each in parameters.values())
             shown = [_SHARED[name] for name in (*shared, "out", "force", "as_json")]
-            every = [first, *shown[:-3], *rest, *shown[-3:]]
+            every = [first, *shown[:-3], *others, *shown[-3:]]
             function.__dict__["__signature__"] = inspect.Signature(every)
         name = f"calibrate/{method}"
         return app.command(method, cls=GroupedCommand, **help_of(name))(common.declared(function, name))
@@ -191,7 +191,7 @@ def rotor(
 
 
 def _calibrate(method: str, how: dict[str, Any]) -> None:
-    """Calibrate, write the folder with calibration file and report, and print the result.
+    """Calibrate sensors, write calibration file and report into a folder, and print the result.
 
     `how`: ``files``, options of `insnav.session.bench.calibrate`, and result options.
     """

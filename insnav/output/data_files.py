@@ -1,7 +1,7 @@
-"""Number columns as text, simulated data as readable files, and a result as one file without executable content.
+"""Columns of numbers as text, simulated data as readable files, a result as one file without executable content.
 
 Equal data give equal bytes: numbers are rounded to fixed decimals in the shortest form, and compressed files contain no
-write time.
+time of writing.
 """
 
 from __future__ import annotations
@@ -28,13 +28,13 @@ from insnav.exceptions import InputError, InsnavError, writing
 from insnav.kernels.output import WIDEST, rows_as_text
 from insnav.types import FloatArray, GpsData, ImuData, IntArray, Trajectory
 
-# pattern of a column name, and its decimals; the first match counts
+# patterns of column names, and number of decimals of such a column; the first matching pattern counts
 Decimals = tuple[tuple[str, int], ...]
 TEXT_ROWS = 1 << 13  # rows converted at a time: they fit in the processor's cache
 
 
 def rounded(name: str, values: NDArray[Any], decimals: Decimals) -> NDArray[Any]:
-    """Round a column, unless integer, to its decimals; zero has no sign, and a heading is below 360 deg."""
+    """Round a column of non-integers to its decimals; zero loses its sign, and a heading of 360 deg becomes 0."""
     if values.dtype.kind == "i":
         return values
     values = np.round(values, _places(name, decimals)) + 0.0
@@ -51,7 +51,7 @@ def arrow_table(columns: Mapping[str, Any]) -> pa.Table:
 
 
 def _arrow_array(values: Any) -> Any:
-    # by builder and from the buffer: pyarrow.array imports pandas, which takes longer than writing the file
+    # without pyarrow.array, which imports pandas: that takes longer than writing the file
     if not isinstance(values, np.ndarray):
         texts = pa.lib.StringBuilder()
         texts.append_values(values)
@@ -70,7 +70,7 @@ def write_numbers(columns: Mapping[str, NDArray[Any]], decimals: Decimals, strea
     places = [0 if v.dtype.kind == "i" else _places(name, decimals) for name, v in columns.items()]
     text = np.empty(numbers.size * WIDEST, np.uint8)
     size = rows_as_text(numbers, 10.0 ** np.array(places), np.array(places, np.uint64), text)
-    if size < 0:
+    if size < 0:  # a number is too large or too small for the fast writer
         table = arrow_table({name: rounded(name, values, decimals) for name, values in columns.items()})
         write_csv(table, stream, header=header)
         return
@@ -80,13 +80,13 @@ def write_numbers(columns: Mapping[str, NDArray[Any]], decimals: Decimals, strea
 
 
 def write_csv(table: pa.Table, stream: Any, *, header: bool = True) -> None:
-    """Write a header without quotation marks, and the rows."""
+    """Write a table as csv, with a header without quotation marks."""
     if header:
         stream.write((",".join(table.column_names) + "\n").encode())
     pa.csv.write_csv(table, stream, pa.csv.WriteOptions(include_header=False, quoting_style="needed"))
 
 
-# Decimals far below any sensor resolution and test tolerance.
+# decimals of data files: far finer than any sensor resolution and test tolerance
 _DECIMALS: Decimals = (
     ("^dtheta|^dvel", 13),
     ("^lat|^lon", 11),
@@ -100,8 +100,8 @@ _DECIMALS: Decimals = (
 def write_data(path: Path, data: ImuData | GpsData | Trajectory) -> None:
     """Write samples, fixes or a reference as csv, compressed if the name ends in ``.gz``.
 
-    `data`: unknown columns are omitted. Sampling and timestamp convention of an IMU are not in the file: the reader
-    specifies them.
+    `data`: columns of only NaN are omitted. The file does not contain the sampling and timestamp convention of an IMU:
+    the reader must specify them.
     Raises: OutputError: the file cannot be written.
     """
     known = [name for name, values in data.columns().items() if not np.isnan(values).all()]
@@ -137,12 +137,12 @@ def _opened(path: Path) -> Iterator[Any]:
             yield stream
 
 
-FILE = "found.npz"
+FILE = "found.npz"  # file of a stored result in its folder
 _STRUCTURE = "structure"
 
 
 def store(result: object, file: Path) -> None:
-    """Write a result; an array referenced several times is written once."""
+    """Write a result to an npz file; an array that it references several times is written once."""
     arrays: dict[int, np.ndarray] = {}
 
     def plain(value: Any) -> Any:

@@ -1,8 +1,8 @@
 """Tables of a run: solution, innovations, sensor errors and events, as text or parquet.
 
 Unknown values are empty cells (csv) or null (parquet), never NaN. Text is rounded far below the accuracy of the
-numbers, which keeps files short and identical on every machine. Parquet has states as computed and standard deviations
-in single precision.
+numbers, which keeps files short and identical on every machine. Parquet files contain unrounded states, and standard
+deviations in single precision.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from insnav.quantity import quantity_of
 from insnav.tabular import Tabular, unit_of
 from insnav.types import GpsData, Innovations, SensorErrors, Trajectory
 
-parquet = library("pyarrow.parquet")  # its file systems are slow to import
+parquet = library("pyarrow.parquet")  # loaded on first use: slow to import
 TableFormat = Literal["csv", "parquet"]
 T = TypeVar("T", bound=Tabular)
 
@@ -36,7 +36,7 @@ _EVENTS = ("time_s", "end_s", "code", "severity", "subject", "value", "limit", "
 
 _NAMES: dict[type, str] = {Trajectory: "solution", Innovations: "innovations", SensorErrors: "biases", GpsData: "fixes"}
 _GROUP = 1 << 16  # rows per group of a parquet file
-_OPTIONAL = ("sd", "fix", "heading", "satellites", "dop")  # fields that may be absent
+_OPTIONAL = ("sd", "fix", "heading", "satellites", "dop")  # fields that a table may lack
 _DECIMALS: Decimals = (
     ("^lat|^lon", 10),
     ("value|limit", 9),
@@ -48,7 +48,7 @@ _DECIMALS: Decimals = (
 
 
 def write_run_table(folder: Path, data: Tabular, file_format: TableFormat = "csv", name: str = "") -> Path:
-    """Write a solution, fixes, innovations with NIS, sensor errors or errors of a solution.
+    """Write one table of a run: a solution, fixes, innovations with NIS, sensor errors or errors of a solution.
 
     `data`: all rows are written; a None field has no columns. `file_format` {"csv", "parquet"}. `name`: of the file,
     without suffix; default ``solution``, ``innovations``, ``biases`` or ``fixes``.
@@ -66,10 +66,10 @@ def write_run_table(folder: Path, data: Tabular, file_format: TableFormat = "csv
                 {key: v.astype(np.float32) if key.startswith("sd_") else v for key, v in numbers.items()}
             )
             if writer is None:
-                # Unique numbers gain nothing from a dictionary or statistics. Snappy reduces the size by 4 % in twice
-                # the time.
-                how = {"use_dictionary": False, "write_statistics": False, "compression": "none"}
-                writer = closing.enter_context(parquet.ParquetWriter(stream, table.schema, **how))
+                # A dictionary and statistics are useless for numbers that rarely repeat. Snappy compression reduces
+                # the size by 4 % and doubles the time.
+                options = {"use_dictionary": False, "write_statistics": False, "compression": "none"}
+                writer = closing.enter_context(parquet.ParquetWriter(stream, table.schema, **options))
             writer.write_table(table)
     return path
 
@@ -90,7 +90,7 @@ def write_events(folder: Path, findings: Sequence[Finding]) -> Path:
         "code": [each.code.value for each in timed],
         "severity": [each.severity.name.lower() for each in timed],
         "subject": [each.subject for each in timed],
-        # no unit is an empty cell: a single "-" would look like a formula
+        # without unit the cell is empty: spreadsheets would read "-" as a formula
         "unit": [quantity_of(each.measured[0], 0.0).unit for each in timed],
         "action": [" ".join(filter(None, (each.text, each.done))) for each in messages],
         "hint": [each.advice for each in messages],
@@ -143,7 +143,7 @@ def _field(table: Any, field: str, names: Sequence[str]) -> Any:
 
 
 def read_events(folder: Path) -> tuple[Finding, ...]:
-    """Read ``events.csv`` of a run folder, of this version or of 0.2 with kinds and texts.
+    """Read ``events.csv`` of a run folder; version 0.2 wrote kinds and texts instead of codes and values.
 
     Raises: InputError: the file is damaged.
     """
