@@ -87,8 +87,7 @@ def each(
 
         died = (*died, KilledWorker)
     with _pool(engine, len(jobs), shared) as pool:
-        # next job to yield, number up to which jobs run one at a time, last job handed to a worker
-        following = alone_until = last = 0
+        following = alone_until = last = 0  # next job to yield, end of jobs to run alone, last job handed out
 
         def handed(stop: int) -> Iterator[J]:
             nonlocal last

@@ -65,7 +65,7 @@ COMPLETE = "_INSNAV_COMPLETE"
 QUIET, VERBOSE = {"-q", "--quiet"}, {"-v", "--verbose"}
 # one thread for linear algebra: as matrices are small, more threads would waste a third of a run's CPU time waiting
 THREADS = "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"
-LEAST_MEMORY = 1200 << 20  # address space that the libraries need, of which they use a third [bytes]
+LEAST_MEMORY = 1200 << 20  # least address space for the libraries, which use a third of it [bytes]
 RENAMED = {"--twins": "--replicas", "--raw": "--uncalibrated", "--workers": "--engine"}  # options of earlier versions
 
 
@@ -93,9 +93,7 @@ def main() -> None:
         os.environ.setdefault(name, "1")
     os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "__all__")  # otherwise pydantic searches all installed packages
     gc.set_threshold(200_000, 50)  # the 125 000 imported objects stay; searching them for garbage takes 3 % of a run
-    words = list(
-        itertools.takewhile(lambda text: text != "--", sys.argv[1:])
-    )  # common options may be anywhere before --
+    words = list(itertools.takewhile(lambda text: text != "--", sys.argv[1:]))  # words that may be options
     debug = "--debug" in words
     console.level = -1 if QUIET & set(words) else 1 if VERBOSE & set(words) else 0
     renamed = {} if "allan" in words else RENAMED  # --workers of insnav allan is a number of threads
@@ -125,7 +123,7 @@ def main() -> None:
 
 
 def _without_language(words: list[str]) -> tuple[list[str], list[str]]:
-    """Extract ``--lang zh`` and ``--lang=zh`` from the words of a command; return the other words, and the languages."""
+    """Extract ``--lang zh`` and ``--lang=zh`` from the words of a command; return other words and languages."""
     others, languages, remaining = [], [], iter(words)
     for word in remaining:
         name, _, value = word.partition("=")

@@ -34,7 +34,7 @@ def align(data: Data, out: Path = Path("alignment"), force: bool = False, as_jso
         outcome = drive.align()
         read = {event for reading in drive.recording.given().values() for event in reading.events}
         for finding in outcome.findings:
-            if finding not in read and finding is not drive.imu_chosen:  # the table and -v already contain these
+            if finding not in read and finding is not drive.imu_chosen:  # in the table, or printed by -v
                 console.note(sentence(finding))
         outcome, where = data.save(outcome, folder, stage)
     console.result_page(where, outcome.page(), out, as_json=as_json)
@@ -151,26 +151,26 @@ def report(
     """Draw a run again."""
     from insnav.result import open_result
 
-    opened, whole = open_result(run), run.resolve()
+    saved, folder = open_result(run), run.resolve()
     console.quiet_figures()
-    opened = with_backdrop(opened, backdrop)
+    saved = with_backdrop(saved, backdrop)
     if pdf:
         from insnav.report.save import write_result_pdf
 
-        file = whole.with_name(f"{whole.name}.pdf")
-        write_result_pdf(opened, file)
+        file = folder.with_name(f"{folder.name}.pdf")
+        write_result_pdf(saved, file)
         console.result(f"files: {file}")
         return
-    out = out or whole.with_name(f"{whole.name}_report")
-    where = opened.save(out, force=force, figures=figures)
+    out = out or folder.with_name(f"{folder.name}_report")
+    where = saved.save(out, force=force, figures=figures)
     if as_json:
         console.result_facts(where)
     else:
-        console.result(f"{console.summary_text(opened)}\n{console.files_line(where, out)}")
+        console.result(f"{console.summary_text(saved)}\n{console.files_line(where, out)}")
 
 
 def with_backdrop(opened: Result[Any], file: Path | None) -> Result[Any]:
-    """Add the lines of a file to the background of a run's map, if any."""
+    """Add the lines of a file to the background of a run's map; without a file, return the run unchanged."""
     if file is None:
         return opened
     from insnav.report.run.page import read_backdrop

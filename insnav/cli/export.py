@@ -10,7 +10,7 @@ from insnav.cli.console import note, result
 from insnav.exceptions import OutputError, writing
 
 Kind = Literal["gpx", "kml", "geojson", "tum", "euroc", "pos", "nmea", "sbet", "smrmsg", "bag", "csv", "utm", "ecef"]
-# other files are track.FORMAT
+# names of output files; for other formats track.FORMAT
 _OWN_NAMES = {
     "euroc": "track.euroc.csv",
     "sbet": "sbet_track.out",
@@ -47,7 +47,7 @@ def export(
     for each in kinds:
         if each.exists() and not force:
             raise OutputError("cli.file_exists", where=str(each))
-    track, found = track_of(
+    track, findings = track_of(
         run,
         solution="poses" if poses else "filtered" if filtered else None,
         week=week,
@@ -56,7 +56,7 @@ def export(
         point=None if point is None else np.array(common.vector(point, "--point")),
     )
     contents = {each: encoded(track, kind) for each, kind in kinds.items()}
-    for finding in found:
+    for finding in findings:
         note(sentence(finding))
     for each, content in contents.items():
         with writing("output.file_unwritable", each):

@@ -19,7 +19,7 @@ A text contains names of values in braces, with a format:
 - ``{delay_s:.3f s}``: format, then the unit to convert to from SI;
 - ``{count:count fix|fixes}``: number and noun; ``{count:plural fix|fixes}``: noun alone;
 - ``{delay_s:sign late|early}``: first word unless negative; ``{delay_s:abs .3f s}``: without the sign;
-- ``{axis:word}``: the value as translated by the table ``[words]``, or several values;
+- ``{axis:word}``: value or values, translated by the table ``[words]`` of the file or of ``<language>.toml``;
 - ``{problems:lines}``: each value on its own line; ``{begin:moment}``, ``{span}``: times of the record.
 
 ``{subject}`` is the subject of the finding. A part in double square brackets is left out if one of its values is
@@ -50,9 +50,7 @@ from insnav.units import UNITS, shown_unit
 LANGUAGES = ("en", "zh")
 PARTS = ("title", "text", "done", "advice")
 _NUMBER = re.compile(r"\d+(?:\.\d+)?")  # written as # in the catalogue of pages
-_PROSE = re.compile(
-    r"[a-z] [a-z]{2}|[a-z]{3}:"
-)  # text to translate: names of files, profiles and IMUs are single words
+_PROSE = re.compile(r"[a-z] [a-z]{2}|[a-z]{3}:")  # text, not a name: files, profiles and IMUs have single words
 _OPTIONAL = re.compile(r"\[\[(.*?)\]\]")
 _FORMATTER = Formatter()
 # set by `speaking`: language, which precedes the language of the process; names that are not translated
@@ -169,8 +167,8 @@ def phrase(name: str, /, **values: Any) -> str:
 def translated(text: str) -> str:
     """Translate a text of a page or of the help by ``page.<language>.toml``; names, numbers and units stay.
 
-    An entry is a whole text with ``#`` for each number, or a pattern with ``{}`` for each part, which is translated, too.
-    A text without an entry is split at semicolons, colons, commas or "and", and translated if all parts have entries.
+    An entry is a whole text with ``#`` for each number, or a pattern with ``{}`` for each part, which is translated.
+    A text without an entry is split at semicolons, colons, commas or "and". All parts of several words need entries.
     """
     is_name = isinstance(text, plain_text.Name)
     return text if is_name else _translated(plain_text.plain_text(text), language(), _SPOKEN.get()[1])
@@ -260,7 +258,7 @@ def _shown(value: Any, spec: str, how: _Form) -> str:
 
 
 def _error(error: ErrorFacts, spec: str, lang: str) -> str:
-    """Write an error in one line. `spec` ``reason``: location, error and evidence. ``fix``: only advice. Else all parts."""
+    """Write an error in one line. `spec`: ``reason``: location, error, evidence; ``fix``: advice; else all."""
     parts = {"reason": ("what", "why"), "fix": ("fix",)}.get(spec, ("what", "why", "fix"))
     texts = [render_error(error.code, part, dict(error.values), lang) for part in parts]
     joined = form("joint", lang).join(" ".join(each.split()) for each in texts if each)
