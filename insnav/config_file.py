@@ -43,10 +43,10 @@ def parse_quantity(text: str, dimension: str, *, where: str = "") -> float:
     number, unit = float(match[1]), plain_unit(match[2])
     if unit not in UNITS:
         raise ConfigError("unit.unknown", where=where, text=text, unit=unit, units=units)
-    other, factor = UNITS[unit]
-    if other != dimension:
+    dim, factor = UNITS[unit]
+    if dim != dimension:
         raise ConfigError(
-            "unit.of_other_dimension", where=where, text=text, unit=unit, other=other, dimension=dimension, units=units
+            "unit.of_other_dimension", where=where, text=text, unit=unit, other=dim, dimension=dimension, units=units
         )
     if not math.isfinite(number * factor):
         raise ConfigError("unit.not_finite", where=where, text=text)
@@ -124,10 +124,10 @@ def validate(model: type[Model], data: dict[str, Any], where: str) -> Model:
     `where`: file to name in the error.
     Raises: ConfigError: the content is invalid. It lists all errors, each with the dotted name of its key.
     """
-    found, problems = checked(model, data)
-    if found is None:
+    content, problems = checked(model, data)
+    if content is None:
         refuse(problems, where)
-    return found
+    return content
 
 
 def checked(model: type[Model], data: dict[str, Any]) -> tuple[Model | None, list[ConfigError]]:
@@ -136,13 +136,13 @@ def checked(model: type[Model], data: dict[str, Any]) -> tuple[Model | None, lis
         return model.model_validate(data), []
     except ValidationError as error:
         errors = error.errors(include_url=False, include_input=False)
-        unknown = [each for each in errors if each["type"] == "extra_forbidden"]
+        unknown = [details for details in errors if details["type"] == "extra_forbidden"]
         without_unknown: Any = copy.deepcopy(data)
-        for *parents, key in (each["loc"] for each in unknown):
+        for *parents, key in (details["loc"] for details in unknown):
             del functools.reduce(lambda table, name: table[name], parents, without_unknown)[key]
         # pydantic does not check the values of a table with an unknown key: check again without unknown keys
-        further = checked(model, without_unknown)[1] if unknown else [_problem(model, each) for each in errors]
-        return None, [*(_problem(model, each) for each in unknown), *further]
+        further = checked(model, without_unknown)[1] if unknown else [_problem(model, details) for details in errors]
+        return None, [*(_problem(model, details) for details in unknown), *further]
 
 
 def refuse(problems: list[ConfigError], where: str) -> NoReturn:

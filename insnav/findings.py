@@ -31,13 +31,13 @@ class ErrorFacts:
 
     def as_dict(self) -> dict[str, Any]:
         """Convert the error for JSON; a number that is not finite is None."""
-        values = {name: _json_ready(each) for name, each in self.values}
+        values = {name: _json_ready(value) for name, value in self.values}
         return {"code": self.code, "where": self.where, "values": values}
 
     @classmethod
     def from_dict(cls, facts: Mapping[str, Any]) -> Self:
         """Restore an error from JSON."""
-        return cls(facts["code"], facts["where"], tuple((name, _plain(each)) for name, each in facts["values"].items()))
+        return cls(facts["code"], facts["where"], tuple((name, _plain(item)) for name, item in facts["values"].items()))
 
 
 # Number or numbers in SI units and radians, a count, a language-independent name (column, option, unit), or the error
@@ -260,7 +260,7 @@ def added(before: Iterable[Finding], after: Iterable[Finding]) -> tuple[Finding,
 
 def of_code(findings: Iterable[Finding], *codes: Code) -> Iterator[Finding]:
     """Yield the findings that have one of `codes`."""
-    return (each for each in findings if each.code in codes)
+    return (finding for finding in findings if finding.code in codes)
 
 
 def is_shown(finding: Finding) -> bool:
@@ -279,7 +279,7 @@ def _json_ready(value: Any) -> Any:
     if isinstance(value, Finding | ErrorFacts):
         return value.as_dict()
     if isinstance(value, tuple):
-        return [_json_ready(each) for each in value]
+        return [_json_ready(item) for item in value]
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 

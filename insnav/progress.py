@@ -78,8 +78,8 @@ class Stages:
         """Write stage and elapsed time, with fraction done and remaining time if known."""
         now, share = time.monotonic(), self._reports[-1][1] if self._reports else math.nan
         count = f" {round(share * self._total)}/{self._total}" if self._total and self._reports else ""
-        how = {"share": share, "time_s": now - self._begin, "left_s": self._left(now)}
-        return phrase("terminal.so_far", stage=word(self._name) + count, **how)
+        values = {"share": share, "time_s": now - self._begin, "left_s": self._left(now)}
+        return phrase("terminal.so_far", stage=word(self._name) + count, **values)
 
     def _left(self, now: float) -> float:
         """Estimate the remaining time [s] from the speed in the later half of the stage; NaN before two reports.
@@ -89,9 +89,9 @@ class Stages:
         if not self._reports:
             return math.nan
         middle = 0.5 * (self._reports[0][0] + now)
-        (begin, share), (last, done) = max(each for each in self._reports if each[0] <= middle), self._reports[-1]
-        left = (1.0 - done) * (last - begin) / (done - share) - (now - last) if done > share else math.nan
-        return left if left > 0.0 else math.nan
+        (begin, share), (last, done) = max(report for report in self._reports if report[0] <= middle), self._reports[-1]
+        remaining = (1.0 - done) * (last - begin) / (done - share) - (now - last) if done > share else math.nan
+        return remaining if remaining > 0.0 else math.nan
 
 
 def in_notebook(method: Callable[P, T]) -> Callable[P, T]:

@@ -86,7 +86,7 @@ def quantity_of(key: str, value: Any) -> Quantity:
     >>> quantity_of("speed_m_s", 2.0).facts()
     {'speed_m_s': 2.0}
     """
-    suffix = max((each for each in _SUFFIXES if each and key.endswith(each)), key=len, default="")
+    suffix = max((ending for ending in _SUFFIXES if ending and key.endswith(ending)), key=len, default="")
     unit = _SUFFIXES[suffix] if suffix else ""
     factor = _factor(unit)
     return Quantity(
@@ -103,7 +103,7 @@ def _mapped(value: Any, function: Callable[[Any], Any]) -> Any:
     if value is None or isinstance(value, str | bool):
         return value
     if isinstance(value, Mapping):
-        return {name: _mapped(each, function) for name, each in value.items()}
+        return {name: _mapped(item, function) for name, item in value.items()}
     if isinstance(value, float | int):
         return function(value)
     if len(value) and isinstance(value[0], str):

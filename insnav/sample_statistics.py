@@ -1,8 +1,8 @@
 """RMS, and confidence intervals for overlapping windows by a block bootstrap.
 
-Overlapping windows have correlated errors. Resampling in blocks as long as the overlap keeps correlated windows
-together. The resampled statistics then vary as between drives (moving, circular blocks: Politis and Romano, "A
-circular block-resampling procedure for stationary data", 1992; Lahiri, "Resampling Methods for Dependent Data", 2003).
+Overlapping windows have correlated errors. Blocks as long as the overlap keep correlated windows together. Resampled
+statistics then vary as between drives (moving, circular blocks: Politis and Romano, "A circular block-resampling
+procedure for stationary data", 1992; Lahiri, "Resampling Methods for Dependent Data", 2003, chapter 2).
 """
 
 from __future__ import annotations
@@ -50,10 +50,8 @@ def rms_length(values: FloatArray) -> float:
 
 def moving_variance(values: FloatArray, width: int) -> FloatArray:
     """Compute the variance of each column ``(n, k)`` in a window of `width` rows around each row; end rows repeat."""
-    centred = values - values.mean(axis=0)  # centred, since gravity would otherwise hide small variances
-    mean, square = (
-        scipy.ndimage.uniform_filter1d(each, width, axis=0, mode="nearest") for each in (centred, centred * centred)
-    )
+    dev = values - values.mean(axis=0)  # mean removed, since gravity would hide small variances
+    mean, square = (scipy.ndimage.uniform_filter1d(term, width, axis=0, mode="nearest") for term in (dev, dev * dev))
     return np.asarray(np.maximum(square - mean * mean, 0.0))
 
 

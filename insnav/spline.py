@@ -30,7 +30,7 @@ class Spline:
     def _at(self, time: FloatArray) -> tuple[FloatArray, ...]:
         """Return, for each `time` (k,): offset within its piece, integral before the piece, and its coefficients."""
         piece = np.clip(np.searchsorted(self._time, time, side="right") - 1, 0, self._time.size - 2)
-        return (time - self._time[piece])[:, None], *(each[piece] for each in self._parts)
+        return (time - self._time[piece])[:, None], *(part[piece] for part in self._parts)
 
     def changes(self, time: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Evaluate first and second derivative at `time` (k,), (k, m) each."""
@@ -63,8 +63,8 @@ def _slopes(h: FloatArray, rise: FloatArray) -> FloatArray:
     before[0] = after[-1] = 0.0
     step, n = 1, inner.shape[0]
     while step < n and max(np.abs(before).max(), np.abs(after).max()) > 1e-18:
-        down = [np.pad(each[:-step], ((step, 0), (0, 0))) for each in (before, after, inner)]
-        up = [np.pad(each[step:], ((0, step), (0, 0))) for each in (before, after, inner)]
+        down = [np.pad(terms[:-step], ((step, 0), (0, 0))) for terms in (before, after, inner)]
+        up = [np.pad(terms[step:], ((0, step), (0, 0))) for terms in (before, after, inner)]
         remaining = 1.0 - before * down[1] - after * up[0]
         inner = (inner - before * down[2] - after * up[2]) / remaining
         before, after, step = -before * down[0] / remaining, -after * up[1] / remaining, 2 * step

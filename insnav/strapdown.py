@@ -103,13 +103,13 @@ def intervals(imu: ImuData, nominal: float | None = None) -> Intervals:
             insert_at.append(np.full(missing, k + 1))
             new_gap.append(np.full(missing, length))
             new_end.append(np.append(end[k] + share[:-1] / missing * length, start[k + 1]))
-            sides = [(each[k] / length_of[k], each[k + 1] / length_of[k + 1]) for each in (gyro, accel)]
+            sides = [(values[k] / length_of[k], values[k + 1] / length_of[k + 1]) for values in (gyro, accel)]
             new_values.append([left + weight * (right - left) for left, right in sides])
         where = np.concatenate(insert_at)
         end = np.insert(end, where, np.concatenate(new_end))
         gyro, accel = (
-            np.insert(each, where, np.concatenate(some), axis=0)
-            for each, some in zip((gyro, accel), zip(*new_values, strict=True), strict=True)
+            np.insert(values, where, np.concatenate(inserted), axis=0)
+            for values, inserted in zip((gyro, accel), zip(*new_values, strict=True), strict=True)
         )
         gap = np.insert(gap, where, np.concatenate(new_gap))
         segment = np.concatenate([[0], np.cumsum(gap[1:] != gap[:-1])]).astype(np.int64)
@@ -118,7 +118,7 @@ def intervals(imu: ImuData, nominal: float | None = None) -> Intervals:
         dt[0] = 0.0
     elif gaps.size or imu.sampling == "mean":
         scale = np.where(gap > 0.0, dt, 1.0)[:, None] if imu.sampling == "increment" else dt[:, None]
-        gyro, accel = (spill.by_blocks(np.multiply, each, scale) for each in (gyro, accel))
+        gyro, accel = (spill.by_blocks(np.multiply, values, scale) for values in (gyro, accel))
     return Intervals(end, dt, gyro, accel, segment, gap, instant)
 
 

@@ -46,8 +46,8 @@ class Tabular:
         """
 
         def both(name: str, values: NDArray[Any]) -> NDArray[Any] | None:
-            other = getattr(after, name)
-            return None if other is None else np.concatenate([values, other])
+            following = getattr(after, name)
+            return None if following is None else np.concatenate([values, following])
 
         return self._changed(both)
 

@@ -51,8 +51,8 @@ def commands(*names: str) -> Any:
     chosen = [name for name in COMMANDS if name in names]
     for name in chosen or COMMANDS:
         about = vars(import_module(f"insnav.cli.{_FILES.get(name, name)}"))
-        how = {"cls": GroupedCommand, "context_settings": about.get("SETTINGS"), **help_of(name)}
-        app.command(name, **how)(declared(about[name], name))
+        settings = {"cls": GroupedCommand, "context_settings": about.get("SETTINGS"), **help_of(name)}
+        app.command(name, **settings)(declared(about[name], name))
     if not chosen:
         from insnav.cli import bench
 
@@ -97,8 +97,8 @@ def main() -> None:
     debug = "--debug" in words
     console.level = -1 if QUIET & set(words) else 1 if VERBOSE & set(words) else 0
     renamed = {} if "allan" in words else RENAMED  # --workers of insnav allan is a number of threads
-    rest, languages = _without_language([text for text in words if text not in {"--debug", *QUIET, *VERBOSE}])
-    arguments = [renamed.get(text, text) for text in rest] + sys.argv[1 + len(words) :]
+    others, languages = _without_language([text for text in words if text not in {"--debug", *QUIET, *VERBOSE}])
+    arguments = [renamed.get(text, text) for text in others] + sys.argv[1 + len(words) :]
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="replace")  # a terminal without ± prints a question mark

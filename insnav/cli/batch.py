@@ -50,13 +50,13 @@ def batch(
         quiet_figures()
         folder = resolved(out)
         check_folder(folder)
-        left: list[Finding] = []
+        skipped: list[Finding] = []
         recordings = _read(drives) if drives.suffix.lower() == ".toml" else None
         if recordings is None:
-            recordings, left = find_drives(drives, folder, "processes" if "dask" in engine else engine)
-        recordings = [replace(each, arguments=(each.arguments[0], *common, *each.arguments[1:])) for each in recordings]
+            recordings, skipped = find_drives(drives, folder, "processes" if "dask" in engine else engine)
+        recordings = [replace(job, arguments=(job.arguments[0], *common, *job.arguments[1:])) for job in recordings]
         try:
-            made = navigated(
+            outcomes = navigated(
                 run_drive,
                 recordings,
                 folder,
@@ -69,16 +69,16 @@ def batch(
             raise
         stage("writing")
         aside = moved_aside(folder)
-        for text in (*map(sentence, aside), *(f"{each.name}: {each.failed.reason}" for each in made if each.failed)):
+        for text in (*map(sentence, aside), *(f"{run.name}: {run.failed.reason}" for run in outcomes if run.failed)):
             note(text)
-        options, findings = {"drives": str(drives), "run": common}, (*left, *aside)
-        outcome = Result("fleet", tuple(made), options=options, findings=findings)
+        options, findings = {"drives": str(drives), "run": common}, (*skipped, *aside)
+        outcome = Result("fleet", tuple(outcomes), options=options, findings=findings)
         write_fleet(folder, outcome)
     page = outcome.page()
-    rows = nonempty_columns([[each for each in row if each.key in _COLUMNS] for row in page.sections[1].rows])
+    rows = nonempty_columns([[cell for cell in row if cell.key in _COLUMNS] for row in page.sections[1].rows])
     shown = replace(page, sections=(replace(page.sections[1], rows=rows),))
     result_page(folder, page if console.level > 0 else shown, out, as_json=as_json, more=("drives", "fleet.csv"))
-    unwritten = [each.failed for each in made if isinstance(each.failed, OutputError)]
+    unwritten = [run.failed for run in outcomes if isinstance(run.failed, OutputError)]
     if unwritten:
         raise OutputError("batch.unwritten", where=str(folder), count=len(unwritten), cause=unwritten[0])
     check_usable(outcome)

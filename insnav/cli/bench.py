@@ -112,10 +112,10 @@ def _command(method: str, *shared: str) -> Callable[[Callable[..., None]], Calla
     def decorate(function: Callable[..., None]) -> Callable[..., None]:
         parameters = dict(inspect.signature(function, eval_str=True).parameters)
         if parameters.pop("how", None):
-            first, *others = (each.replace(kind=_KEYWORD) for each in parameters.values())
+            first, *others = (parameter.replace(kind=_KEYWORD) for parameter in parameters.values())
             shown = [_SHARED[name] for name in (*shared, "out", "force", "as_json")]
-            every = [first, *shown[:-3], *others, *shown[-3:]]
-            function.__dict__["__signature__"] = inspect.Signature(every)
+            ordered = [first, *shown[:-3], *others, *shown[-3:]]
+            function.__dict__["__signature__"] = inspect.Signature(ordered)
         name = f"calibrate/{method}"
         return app.command(method, cls=GroupedCommand, **help_of(name))(common.declared(function, name))
 
@@ -229,8 +229,8 @@ def imus(name: str | None = None, as_json: bool = False) -> None:
     from insnav.report.save import facts_of
     from insnav.session.bench import imus as listed
 
-    found = listed(name)
-    result(json.dumps(facts_of(found), indent=2, ensure_ascii=False) if as_json else summary_text(found))
+    outcome = listed(name)
+    result(json.dumps(facts_of(outcome), indent=2, ensure_ascii=False) if as_json else summary_text(outcome))
 
 
 def platform(

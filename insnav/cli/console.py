@@ -72,9 +72,9 @@ def files_line(folder: Path, out: Path) -> str:
     from insnav.messages import form, phrase
     from insnav.output.folder import read_facts
 
-    found = {name.split("/")[0] for name in read_facts(folder).get("files", {})} | {"run.json"}
-    first = [name for name in ("report.html", "figures", "run.json") if name in found]
-    others = len(found) - len(first)
+    present = {name.split("/")[0] for name in read_facts(folder).get("files", {})} | {"run.json"}
+    first = [name for name in ("report.html", "figures", "run.json") if name in present]
+    others = len(present) - len(first)
     return phrase("terminal.files", folder=out, names=form("list").join(first), others=others)
 
 
@@ -177,17 +177,17 @@ def note_warnings(outcome: Result[Any]) -> None:
     from insnav.findings import Severity
     from insnav.messages import sentence
 
-    for each in outcome.findings:
-        if each.severity >= Severity.WARNING:
-            note(sentence(each))
+    for finding in outcome.findings:
+        if finding.severity >= Severity.WARNING:
+            note(sentence(finding))
 
 
 def detail(text: str, *more: str) -> None:
     """Print one log entry with details, in verbose mode."""
     if level > 0:
         note(text)
-        for each in more:
-            _log(each, "        ")
+        for line in more:
+            _log(line, "        ")
 
 
 def _log(text: str, lead: str, stream: TextIO | None = None) -> None:

@@ -128,31 +128,31 @@ def takes_data(
     """
     wanted = {"gps": False, "ref": False} if files is None else files
     logs = {} if only is not None or "logs" in without else LOGS
-    keys = [key for key, each in INPUTS.items() if each.option and key not in without and (only is None or key in only)]
+    keys = [key for key, what in INPUTS.items() if what.option and key not in without and (only is None or key in only)]
 
     def decorate(function: Callable[..., None]) -> Callable[..., None]:
-        own = list(inspect.signature(function, eval_str=True).parameters.values())[1:]
+        own_parameters = list(inspect.signature(function, eval_str=True).parameters.values())[1:]
         parameters = [_parameter("imu_file", Path, argument(imu, _IMU_HELP), needed=not optional)] if imu else []
         if imu and "gps" in wanted:
             parameters.append(_parameter("gps_file", Path, argument("GPS_FILE", _SECOND_HELP)))
         for name, needed in wanted.items():
             parameters.append(_parameter(name, Path, option(FILES, "FILE", _FILE_HELP[name]), needed=needed))
         parameters += [_option(INPUTS[key]) for key in keys]
-        parameters += [_option(each) for each in logs.values()]
-        parameters += own
+        parameters += [_option(log) for log in logs.values()]
+        parameters += own_parameters
 
         @functools.wraps(function)
         def command(**options: Any) -> None:
             inputs = {key: _value(INPUTS[key], options[_name(INPUTS[key])]) for key in keys}
             inputs["logs"] = {
-                key: file for key, each in logs.items() if (file := options[_name(each)]) is not None
+                key: file for key, log in logs.items() if (file := options[_name(log)]) is not None
             } or None
             if (second := options.pop("gps_file", None)) is not None:
                 options["imu_file"], options["gps"] = _told_apart(options["imu_file"], second, options["gps"])
             imu, gps, ref = (options.get(name) for name in ("imu_file", "gps", "ref"))
             data = Data(imu, gps, ref, cast(Inputs, inputs), common.configuration(options))
             try:
-                function(data, **{each.name: options[each.name] for each in own})
+                function(data, **{each.name: options[each.name] for each in own_parameters})
             except OutputError:
                 _refuse_nothing(data.imu, data.gps, data.ref)
                 raise
@@ -166,7 +166,7 @@ def takes_data(
 
 
 def _told_apart(first: Path, second: Path, gps: Path | None) -> tuple[Path, Path]:
-    """Order two files: samples, fixes, identified as in `insnav check`. ``-`` is read once, so the order is as given."""
+    """Order two files: samples, fixes, identified as in `insnav check`. ``-``, read only once, keeps the order."""
     if gps is not None:
         raise ConfigError("cli.fixes_twice", where="--gps", file=str(second))
     if "-" in (str(first), str(second)):
@@ -180,19 +180,19 @@ def _told_apart(first: Path, second: Path, gps: Path | None) -> tuple[Path, Path
 
 def _refuse_nothing(*files: Path | None) -> None:
     """Raise the error for a missing or empty input file, which precedes the error of an unusable output folder."""
-    for each in files:
-        if each is None or str(each) == "-" or (each.exists() and (not each.is_file() or each.stat().st_size)):
+    for file in files:
+        if file is None or str(file) == "-" or (file.exists() and (not file.is_file() or file.stat().st_size)):
             continue
         from insnav.input.formats.source import open_source
 
-        open_source(each)
+        open_source(file)
 
 
 def _option(what: Input) -> inspect.Parameter:
     literal: Any = Literal  # untyped: the type checker does not know the choices
     kind = literal[what.choices] if what.choices else {"file": Path, "number": float}.get(what.kind, str)
-    more = {"parser": functools.partial(common.number_in, what.unit, what.option)} if what.kind == "number" else {}
-    return _parameter(_name(what), kind, option(what.group, what.metavar, what.meaning, what.option, **more))
+    parser = {"parser": functools.partial(common.number_in, what.unit, what.option)} if what.kind == "number" else {}
+    return _parameter(_name(what), kind, option(what.group, what.metavar, what.meaning, what.option, **parser))
 
 
 def _parameter(name: str, kind: Any, how: Any, *, needed: bool = False) -> inspect.Parameter:
@@ -245,7 +245,7 @@ def say_reading(facts: ReadingFacts) -> None:
     renamed = _renamed(facts.columns)
     columns = [f"columns: {renamed}; the others by their names"] if renamed else []
     stated = _findings.Code.UNITS_STATED
-    detail(head, *columns, *(_messages.sentence(each) for each in facts.evidence if each.code != stated))
+    detail(head, *columns, *(_messages.sentence(finding) for finding in facts.evidence if finding.code != stated))
 
 
 def _renamed(columns: Mapping[str, str]) -> str:

@@ -48,19 +48,19 @@ def check(data: Data, files: list[Path], out: Path | None = None, force: bool = 
 
         compile_at_first(*files, *filter(None, (data.gps, data.ref)))
         stage("reading")
-        found = replace(checked(*files, gps=data.gps, ref=data.ref, **data.inputs), options=data.options)
-    where = None if out is None else found.save(out, force=force, figures="page")
+        outcome = replace(checked(*files, gps=data.gps, ref=data.ref, **data.inputs), options=data.options)
+    where = None if out is None else outcome.save(out, force=force, figures="page")
     if not as_json:
         from insnav.report.check.page import text
 
-        console.result(console.coloured(text(found, console.terminal_width(), brief=console.level <= 0)))
+        console.result(console.coloured(text(outcome, console.terminal_width(), brief=console.level <= 0)))
     elif where is not None:
         console.result_facts(where)
     else:
         from insnav.report.save import facts_of, versions
 
-        console.result(json.dumps({"kind": "check", "versions": versions(), **facts_of(found)}, indent=2))
-    if not found.found.runs_as_given:
+        console.result(json.dumps({"kind": "check", "versions": versions(), **facts_of(outcome)}, indent=2))
+    if not outcome.found.runs_as_given:
         raise typer.Exit(1)
 
 
@@ -82,19 +82,19 @@ def compare(
     if out is not None:
         console.quiet_figures()
         outcome.save(out, force=force)
-    found = outcome.found
+    comparison = outcome.found
     if tum is not None:
         from insnav.output.track_files import tum_files
 
-        errors = {name: (each.position, each.attitude) for name, each in found.named().items()}
+        errors = {name: (run.position, run.attitude) for name, run in comparison.named().items()}
         with RunFolder(tum, force=force) as folder:
-            for name, text in tum_files(found.reference, found.compared[0].errors.time, errors).items():
+            for name, text in tum_files(comparison.reference, comparison.compared[0].errors.time, errors).items():
                 folder.path(name).write_text(text, encoding="utf-8", newline="\n")
             folder.commit({"runs": [str(run) for run in runs]})
     if as_json:
         from insnav.report.save import json_ready
 
-        console.result(json.dumps(json_ready(found.rows()), indent=1, ensure_ascii=False))
+        console.result(json.dumps(json_ready(comparison.rows()), indent=1, ensure_ascii=False))
     else:
         console.result(console.shown_page(outcome.page()))
 

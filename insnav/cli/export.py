@@ -44,9 +44,9 @@ def export(
     kinds = {path: to}
     if to == "sbet":
         kinds[path.with_name(f"smrmsg_{path.name.removeprefix('sbet_')}")] = "smrmsg"
-    for each in kinds:
-        if each.exists() and not force:
-            raise OutputError("cli.file_exists", where=str(each))
+    for file in kinds:
+        if file.exists() and not force:
+            raise OutputError("cli.file_exists", where=str(file))
     track, findings = track_of(
         run,
         solution="poses" if poses else "filtered" if filtered else None,
@@ -55,10 +55,10 @@ def export(
         epochs=None if epochs is None else read_epochs(epochs),
         point=None if point is None else np.array(common.vector(point, "--point")),
     )
-    contents = {each: encoded(track, kind) for each, kind in kinds.items()}
+    contents = {file: encoded(track, kind) for file, kind in kinds.items()}
     for finding in findings:
         note(sentence(finding))
-    for each, content in contents.items():
-        with writing("output.file_unwritable", each):
-            each.write_bytes(content)
+    for file, content in contents.items():
+        with writing("output.file_unwritable", file):
+            file.write_bytes(content)
     result(f"{entry('files', '')}{' '.join(map(str, kinds))}")

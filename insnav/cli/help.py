@@ -28,7 +28,7 @@ def help_of(command: str) -> dict[str, Any]:
     short, _, text = (_TEXTS / f"{command}.txt").read_text(encoding="utf-8").rpartition("---\n")
     if translation := catalogue(f"help.{language()}").get(command):  # translated prose; examples stay as in the file
         prose = iter(translation["text"])
-        blocks = (_block(each) if each.startswith("\\b") else in_columns(next(prose)) for each in text.split("\n\n"))
+        blocks = (_block(block) if block.startswith("\\b") else in_columns(next(prose)) for block in text.split("\n\n"))
         text = "\n\n".join(blocks)
         short = in_columns(translation["short"])
     return {"help": text.replace("\\b\n", "\b\n"), "short_help": (short or text).partition("\n")[0]}

@@ -83,7 +83,7 @@ class _Rows:
         latest = np.maximum.accumulate(np.concatenate([[self._last], time]))
         backward = np.flatnonzero(time <= latest[:-1])
         self._last, given = float(latest[-1]), time
-        time, gyro, accel = (np.delete(each, backward, axis=0) for each in (time, gyro, accel))
+        time, gyro, accel = (np.delete(array, backward, axis=0) for array in (time, gyro, accel))
         number = np.floor(time / self._interval + 1e-6) if self._interval else time
         edges = np.flatnonzero(np.diff(number, prepend=-np.inf))
         for first, last in pairwise([*edges, time.size]):
@@ -94,7 +94,7 @@ class _Rows:
             self._next = (
                 (np.floor(state.time / self._interval + 1e-6) + 1.0) * self._interval if self._interval else 0.0
             )
-            values = (np.atleast_1d(state.time), *(each[None] for each in (state.lla, state.v_n, state.rph, state.sd)))
+            values = (np.atleast_1d(state.time), *(part[None] for part in (state.lla, state.v_n, state.rph, state.sd)))
             columns = Trajectory(*values).columns()
             if not self.header:
                 self.header = ",".join(columns)

@@ -50,8 +50,8 @@ def _named(group: str, value: str | None) -> Callable[[str], list[str]] | None:
         return None
 
     def begun(incomplete: str) -> list[str]:
-        files = [each for name in folders for each in (Path(__file__).parents[1] / name).glob("*.toml")] or library()
-        stems = sorted(each.stem for each in files if each.stem.startswith(incomplete.lower()))
+        files = [file for name in folders for file in (Path(__file__).parents[1] / name).glob("*.toml")] or library()
+        stems = sorted(file.stem for file in files if file.stem.startswith(incomplete.lower()))
         return [incomplete + stem[len(incomplete) :] for stem in stems]  # keep capitals that were typed
 
     return begun
@@ -87,13 +87,13 @@ def declared(function: Callable[..., None], command: str) -> Callable[..., None]
     tables = [_texts().get(name, {}) for name in (command, command.partition("/")[0], "shared")]
     annotated: Any = Annotated  # untyped: the type checker does not know the type
     parameters = []
-    for each in inspect.signature(function, eval_str=True).parameters.values():
-        texts = next((table[each.name] for table in tables if each.name in table), None)
-        if texts is not None and get_origin(each.annotation) is not Annotated:
-            each = each.replace(annotation=annotated[each.annotation, _declaration(each.name, **texts)])
-        parameters.append(each)
+    for param in inspect.signature(function, eval_str=True).parameters.values():
+        texts = next((table[param.name] for table in tables if param.name in table), None)
+        if texts is not None and get_origin(param.annotation) is not Annotated:
+            param = param.replace(annotation=annotated[param.annotation, _declaration(param.name, **texts)])
+        parameters.append(param)
     function.__dict__["__signature__"] = inspect.Signature(parameters)
-    function.__annotations__ = {each.name: each.annotation for each in parameters}
+    function.__annotations__ = {param.name: param.annotation for param in parameters}
     return function
 
 

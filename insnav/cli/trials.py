@@ -49,21 +49,21 @@ def regress(
         from insnav.report.regression import page as report_page
 
         outcome = compared(file, data, reports=folder, quick=quick, workers=engine, stage=stage)
-        found = outcome.found
-        for skipped in found.accuracy.skipped.values() if not quick else ():
+        regression = outcome.found
+        for skipped in regression.accuracy.skipped.values() if not quick else ():
             note(sentence(skipped))
         if not quick and folder != Path(__file__).parents[1] / "reports":  # an installed package is read-only
-            write_history(folder / HISTORY_FILE, found.history)
+            write_history(folder / HISTORY_FILE, regression.history)
         if plot:
             stage("drawing")
             note(f"drawn: {len(report_page.write_pages(folder, outcome))} files in {folder}")
         if update_baseline:
-            write_baseline(folder / BASELINE_FILE, renewed(found.baseline, found.accuracy, found.origin))
+            write_baseline(folder / BASELINE_FILE, renewed(regression.baseline, regression.accuracy, regression.origin))
             note(f"baseline: {folder / BASELINE_FILE}")
     from insnav.report.save import facts_of
 
     result(json.dumps(facts_of(outcome), indent=1, ensure_ascii=False) if as_json else report_page.text(outcome))
-    if found.comparison is not None and not found.comparison.passed and not update_baseline:
+    if regression.comparison is not None and not regression.comparison.passed and not update_baseline:
         raise typer.Exit(1)
 
 
@@ -207,7 +207,7 @@ def _list(out: Path | None, force: bool, as_json: bool) -> None:
     from insnav.simulate.motion import library, load_profile
 
     profiles = [load_profile(path) for path in library()]
-    shown = [{"name": each.name, "duration_s": each.duration, "purpose": each.purpose} for each in profiles]
+    shown = [{"name": profile.name, "duration_s": profile.duration, "purpose": profile.purpose} for profile in profiles]
     if out is not None:
         from insnav.report.simulation.page import write_sketches
 
@@ -218,8 +218,8 @@ def _list(out: Path | None, force: bool, as_json: bool) -> None:
     if as_json:
         result(json.dumps(shown, indent=1, ensure_ascii=False))
         return
-    width = max(len(str(each["name"])) for each in shown)
-    lines = (f"{each.name:<{width}}  {each.duration:6.0f} s  {translated(each.purpose)}" for each in profiles)
+    width = max(len(str(entry["name"])) for entry in shown)
+    lines = (f"{item.name:<{width}}  {item.duration:6.0f} s  {translated(item.purpose)}" for item in profiles)
     result("\n".join(lines))
 
 

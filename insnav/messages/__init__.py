@@ -189,7 +189,7 @@ def _translated(text: str, lang: str, kept: frozenset[str]) -> str:
         match = pattern.fullmatch(name) or pattern.fullmatch(lowered)
         if match and (parts := _parts(match.groups(), lang, kept)):
             return f"{wanted.format(*parts)}{bracket}{unit}"
-    for mark in (each for each in ("; ", ": ", ", ", " and ") if each in name and each in words):
+    for mark in (mark for mark in ("; ", ": ", ", ", " and ") if mark in name and mark in words):
         if (parts := _parts(pieces := name.split(mark), lang, kept)) and parts != pieces:
             return f"{words[mark].join(parts)}{bracket}{unit}"
     return text
@@ -197,7 +197,7 @@ def _translated(text: str, lang: str, kept: frozenset[str]) -> str:
 
 def _parts(own: Sequence[str], lang: str, kept: frozenset[str]) -> list[str]:
     """Translate the parts of a text; return an empty list if a part of several words has no translation."""
-    parts = [each if each in kept else _translated(each, lang, kept) for each in own]
+    parts = [part if part in kept else _translated(part, lang, kept) for part in own]
     return [] if any(a == b and a not in kept and _PROSE.search(a) for a, b in zip(own, parts, strict=True)) else parts
 
 
@@ -235,7 +235,7 @@ def _shown(value: Any, spec: str, how: _Form) -> str:
     if isinstance(value, Finding | ErrorFacts):
         return sentence(value, how.lang, how.at) if isinstance(value, Finding) else _error(value, spec, how.lang)
     if isinstance(value, tuple):
-        value = tuple(_shown(each, "", how) if isinstance(each, Finding | ErrorFacts) else each for each in value)
+        value = tuple(_shown(item, "", how) if isinstance(item, Finding | ErrorFacts) else item for item in value)
     verb, _, rest = spec.partition(" ")
     first, _, second = rest.partition("|")
     match verb:
@@ -253,7 +253,7 @@ def _shown(value: Any, spec: str, how: _Form) -> str:
             return first if value >= 0.0 else second
         case "abs":
             return _shown(abs(value), rest, how)
-    parts = [_number(each, verb, rest) for each in (value if isinstance(value, tuple) else (value,))]
+    parts = [_number(item, verb, rest) for item in (value if isinstance(value, tuple) else (value,))]
     return form("list", how.lang).join(parts) + (f" {shown_unit(rest)}" if rest else "")
 
 
@@ -261,7 +261,7 @@ def _error(error: ErrorFacts, spec: str, lang: str) -> str:
     """Write an error in one line. `spec`: ``reason``: location, error, evidence; ``fix``: advice; else all."""
     parts = {"reason": ("what", "why"), "fix": ("fix",)}.get(spec, ("what", "why", "fix"))
     texts = [render_error(error.code, part, dict(error.values), lang) for part in parts]
-    joined = form("joint", lang).join(" ".join(each.split()) for each in texts if each)
+    joined = form("joint", lang).join(" ".join(sentences.split()) for sentences in texts if sentences)
     line = catalogue(f"phrases.{lang}")["terminal"]["line"]
     return str(line.format(name=error.where, text=joined)) if error.where and spec != "fix" else joined
 
@@ -270,7 +270,7 @@ def _word(value: Any, how: _Form) -> str:
     """Translate a name by the words, or several names; a file name in brackets may follow: ``gyro x (rates.csv)``."""
     if not isinstance(value, tuple) and (value in how.words or value in _SPOKEN.get()[1]):
         return str(value if value in _SPOKEN.get()[1] else how.words[value])
-    parts = [str(each).partition(" (") for each in (value if isinstance(value, tuple) else str(value).split(", "))]
+    parts = [str(item).partition(" (") for item in (value if isinstance(value, tuple) else str(value).split(", "))]
     return form("list", how.lang).join(f"{how.words.get(name, name)}{bracket}{rest}" for name, bracket, rest in parts)
 
 

@@ -153,14 +153,14 @@ def store(result: object, file: Path) -> None:
             return {"member": f"{type(value).__module__}:{type(value).__qualname__}", "value": value.value}
         if is_dataclass(value):
             kind = type(value)
-            own = {each.name: plain(getattr(value, each.name)) for each in fields(value) if each.init}
+            own = {field.name: plain(getattr(value, field.name)) for field in fields(value) if field.init}
             return {"class": f"{kind.__module__}:{kind.__qualname__}", "fields": own}
         if isinstance(value, Mapping):
-            return {"mapping": [[plain(key), plain(each)] for key, each in value.items()]}
+            return {"mapping": [[plain(key), plain(item)] for key, item in value.items()]}
         if isinstance(value, slice):
-            return {"slice": [plain(each) for each in (value.start, value.stop, value.step)]}
+            return {"slice": [plain(bound) for bound in (value.start, value.stop, value.step)]}
         if isinstance(value, tuple | list):
-            return {type(value).__name__: [plain(each) for each in value]}
+            return {type(value).__name__: [plain(item) for item in value]}
         if isinstance(value, Path):
             return value.as_posix()
         if isinstance(value, InsnavError):
@@ -188,14 +188,14 @@ def _restored(value: Any, content: Mapping[str, np.ndarray]) -> Any:
     if "array" in value:
         return content[f"array_{value['array']}"]
     if "mapping" in value:
-        return {_restored(key, content): _restored(each, content) for key, each in value["mapping"]}
+        return {_restored(key, content): _restored(item, content) for key, item in value["mapping"]}
     if "error" in value:
         return InsnavError.from_dict(value["error"])
     if "slice" in value:
         return slice(*value["slice"])
     for sequence in (tuple, list):
         if sequence.__name__ in value:
-            return sequence(_restored(each, content) for each in value[sequence.__name__])
+            return sequence(_restored(item, content) for item in value[sequence.__name__])
     module, name = value["class" if "class" in value else "member"].split(":")
     kind: Any = getattr(import_module(module), name) if module.startswith("insnav.") else None
     if "member" in value and isinstance(kind, EnumType):
@@ -203,4 +203,4 @@ def _restored(value: Any, content: Mapping[str, np.ndarray]) -> Any:
     if "class" not in value or not is_dataclass(kind):
         raise ValueError(f"{module}:{name} is no result of insnav")
     make = cast(Callable[..., Any], kind)
-    return make(**{key: _restored(each, content) for key, each in value["fields"].items()})
+    return make(**{key: _restored(item, content) for key, item in value["fields"].items()})

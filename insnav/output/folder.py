@@ -101,7 +101,7 @@ class RunFolder:
         _check_target(self._place, force=self.force)
         self._aside = _beside(self._place, "tmp")
         with writing("output.folder_unwritable", self._place.parent):
-            self._made = [each for each in self._place.parents if not each.exists()]
+            self._made = [parent for parent in self._place.parents if not parent.exists()]
             self._place.parent.mkdir(parents=True, exist_ok=True)
             if self._aside.exists():  # left by a dead process with the same PID
                 shutil.rmtree(self._aside)
@@ -120,8 +120,8 @@ class RunFolder:
             free = shutil.disk_usage(self._place.parent).free
         shutil.rmtree(self._aside, ignore_errors=True)
         with contextlib.suppress(OSError):  # fails if another process uses a created parent folder
-            for each in self._made:
-                each.rmdir()
+            for parent in self._made:
+                parent.rmdir()
         if isinstance(error, OSError):
             failure = self._explained(error, written, free)
             if failure is not None:
@@ -165,7 +165,7 @@ class RunFolder:
     def _move_into_place(self) -> None:
         free_names = (self._place.with_name(f"{self._place.name}~{number}") for number in itertools.count(1))
         keep = self.force == "keep"
-        old = next(each for each in free_names if not each.exists()) if keep else _beside(self._place, "old")
+        old = next(free for free in free_names if not free.exists()) if keep else _beside(self._place, "old")
         replacing = self._place.exists()
         if replacing:
             _check_target(self._place, force=self.force)
@@ -226,7 +226,7 @@ def _check_target(place: Path, *, force: bool | Literal["keep"]) -> None:
     where = str(place)
     if not place.name or Path.cwd().is_relative_to(place):
         raise OutputError("output.current_folder", where=where)
-    existing_parent = next(each for each in place.parents if each.exists())
+    existing_parent = next(parent for parent in place.parents if parent.exists())
     if not existing_parent.is_dir() or not os.access(existing_parent, os.W_OK | os.X_OK):
         reason = os.strerror(errno.EACCES if existing_parent.is_dir() else errno.ENOTDIR)
         raise OutputError("output.folder_unwritable", where=str(existing_parent), reason=reason)

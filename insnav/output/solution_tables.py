@@ -79,22 +79,22 @@ def write_events(folder: Path, findings: Sequence[Finding]) -> Path:
 
     ``value`` and ``limit`` are the decisive number and its limit in SI, ``values`` all numbers as JSON.
     """
-    timed = by_time(each for each in findings if each.timed)
+    timed = by_time(finding for finding in findings if finding.timed)
     numbers = {"time_s": "begin", "end_s": "end", "value": "value", "limit": "limit"}
     columns: dict[str, Any] = {
-        key: rounded(key, np.array([getattr(each, name) for each in timed], dtype=np.float64), _DECIMALS)
+        key: rounded(key, np.array([getattr(finding, name) for finding in timed], dtype=np.float64), _DECIMALS)
         for key, name in numbers.items()
     }
-    messages = [render(each, "en") for each in timed]
+    messages = [render(finding, "en") for finding in timed]
     texts = {
-        "code": [each.code.value for each in timed],
-        "severity": [each.severity.name.lower() for each in timed],
-        "subject": [each.subject for each in timed],
+        "code": [finding.code.value for finding in timed],
+        "severity": [finding.severity.name.lower() for finding in timed],
+        "subject": [finding.subject for finding in timed],
         # without unit the cell is empty: spreadsheets would read "-" as a formula
-        "unit": [quantity_of(each.measured[0], 0.0).unit for each in timed],
-        "action": [" ".join(filter(None, (each.text, each.done))) for each in messages],
-        "hint": [each.advice for each in messages],
-        "values": [json.dumps(each.as_dict().get("values", {})) for each in timed],
+        "unit": [quantity_of(finding.measured[0], 0.0).unit for finding in timed],
+        "action": [" ".join(filter(None, (message.text, message.done))) for message in messages],
+        "hint": [message.advice for message in messages],
+        "values": [json.dumps(finding.as_dict().get("values", {})) for finding in timed],
     }
     columns |= {key: [cell_text(text) for text in column] for key, column in texts.items()}
     path = folder / "events.csv"

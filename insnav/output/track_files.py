@@ -103,7 +103,7 @@ def transverse_mercator(lat: FloatArray, lon: FloatArray) -> tuple[FloatArray, F
     eta = np.arcsinh(np.sin(lon) / np.hypot(conformal, np.cos(lon)))
     north, east, p, q = xi.copy(), eta.copy(), np.ones_like(xi), np.zeros_like(xi)
     for j, row in enumerate(_ALPHA, 1):
-        alpha = sum(each * _N ** (j + k) for k, each in enumerate(row))
+        alpha = sum(coefficient * _N ** (j + k) for k, coefficient in enumerate(row))
         north += alpha * np.sin(2 * j * xi) * np.cosh(2 * j * eta)  # eq. 11
         east += alpha * np.cos(2 * j * xi) * np.sinh(2 * j * eta)
         p += 2 * j * alpha * np.cos(2 * j * xi) * np.cosh(2 * j * eta)  # eq. 12
@@ -397,7 +397,7 @@ def tum_files(
 def _in_tangent(lla: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return positions (n, 3) in the tangent plane (East, North, Up) at the first; rotations to it from local NED."""
     place = np.column_stack(pymap3d.geodetic2enu(*(lla / _DEGREES).T, *lla[0] / _DEGREES))
-    local, first = (dcm_from_quat(quat_earth_from_level(each)) for each in (lla, lla[:1]))
+    local, first = (dcm_from_quat(quat_earth_from_level(positions)) for positions in (lla, lla[:1]))
     return place, np.asarray(_NED_TO_ENU @ np.swapaxes(first, 1, 2) @ local)
 
 
@@ -464,5 +464,5 @@ def _string(text: str) -> bytes:
 
 
 WRITERS: dict[str, Callable[[Track], str | bytes]] = {
-    each.__name__: each for each in (gpx, kml, geojson, tum, euroc, pos, nmea, sbet, smrmsg, bag, csv, utm, ecef)
+    writer.__name__: writer for writer in (gpx, kml, geojson, tum, euroc, pos, nmea, sbet, smrmsg, bag, csv, utm, ecef)
 }
