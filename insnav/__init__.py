@@ -133,7 +133,7 @@ __all__ = [
 
 def __getattr__(name: str) -> Any:
     # importing numba, filterpy and pyarrow takes most of a second, so each name is imported on first use
-    if name == "simulate":  # this package is itself callable
+    if name == "simulate":  # the package `insnav.simulate` is itself callable
         return import_module("insnav.simulate")
     if name in _HOME:
         return getattr(import_module(_HOME[name]), name)

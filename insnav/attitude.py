@@ -25,7 +25,7 @@ def wrap_pi(angle: ArrayLike) -> FloatArray:
 def wrap_two_pi(angle: ArrayLike) -> FloatArray:
     """Wrap an angle to [0, 2 pi) [rad]."""
     wrapped = np.asarray(np.asarray(angle, dtype=float) % (2 * np.pi))
-    return np.where(wrapped >= 2 * np.pi, 0.0, wrapped)  # a tiny negative angle rounds up to 2 pi
+    return np.where(wrapped >= 2 * np.pi, 0.0, wrapped)  # rounding turns a tiny negative angle into 2 pi
 
 
 def skew(v: ArrayLike) -> FloatArray:
@@ -108,9 +108,9 @@ def rph_from_quat(q: ArrayLike) -> FloatArray:
     Returns: (..., 3): roll in [-pi, pi), pitch in [-pi/2, pi/2], heading in [0, 2 pi) [rad].
     """
     a, b, c, d = np.moveaxis(np.asarray(q, dtype=float), -1, 0)
-    # Eq. 2.38 gives (a + c, d - b) = s (cosine, sine) of (heading - roll) / 2. It also gives
-    # (a - c, d + b) = c (cosine, sine) of (heading + roll) / 2. Here s and c are sqrt(2) times sine and cosine of
-    # pitch / 2 + 45 deg. Near the vertical, s or c vanishes and makes one of the half angles arbitrary. The three
+    # By eq. 2.38, a + c and d - b are u cos(x) and u sin(x) with x = (heading - roll) / 2. Also, a - c and d + b are
+    # v cos(y) and v sin(y) with y = (heading + roll) / 2. Here u and v are sqrt(2) times sine and cosine of
+    # pitch / 2 + 45 deg. At pitch -90 deg u is zero and x arbitrary, at +90 deg v is zero and y arbitrary. The three
     # returned angles still describe the attitude exactly.
     half_difference, half_sum = np.arctan2(d - b, a + c), np.arctan2(d + b, a - c)
     pitch = 2 * np.arctan2(np.hypot(a + c, d - b), np.hypot(a - c, d + b)) - np.pi / 2

@@ -62,7 +62,8 @@ _KINDS = {
     **dict.fromkeys(("int_type", "int_from_float"), "a whole number"),
 }
 _RELATIONS = {"gt": ">", "ge": "≥", "lt": "<", "le": "≤", "min_length": "≥", "max_length": "≤"}
-# strings and comments; a dotted key of more than 20 parts: memory of tomllib grows with the square of their number
+# `_NO_KEYS` matches strings and comments. `_DEEP` matches a dotted key of more than twenty parts: the memory that
+# tomllib needs for a key grows with the square of the number of its parts.
 _NO_KEYS = re.compile(r'''"""(?:\\.|[^\\])*?"""|\'{3}.*?\'{3}|"(?:\\.|[^"\\\n])*"|\'[^\'\n]*\'|#[^\n]*''', re.DOTALL)
 _DEEP = re.compile(r"(?:\.[ \t]*[\w-]+[ \t]*){20}")
 
@@ -146,7 +147,7 @@ def checked(model: type[Model], data: dict[str, Any]) -> tuple[Model | None, lis
 
 
 def refuse(problems: list[ConfigError], where: str) -> NoReturn:
-    """Raise one error that contains all errors of a file; the location of each of them is a key of the file."""
+    """Raise one error that contains all errors of a file. Each of them has a key of the file as its location."""
     if len(problems) == 1:
         problems[0].where = ": ".join(filter(None, (where, problems[0].where)))
         raise problems[0]
@@ -258,7 +259,7 @@ def preset_or_file(given: str, folder: Path, presets: Sequence[str]) -> Path | N
 
 
 def similar(name: str, known: Iterable[str]) -> dict[str, Any]:
-    """Return values for the error on an unknown name: a similar known name, ``close``, else all names, ``known``."""
+    """Return values for the error on an unknown name: ``close``, a similar known name, or else ``known``, all names."""
     known = tuple(known)
     close = difflib.get_close_matches(name, known, n=1)
     return {"close": close[0]} if close else {"known": known}

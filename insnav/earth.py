@@ -44,7 +44,7 @@ def radii(lat: ArrayLike) -> tuple[FloatArray, FloatArray]:
 
 
 def metres_per_unit(lla: ArrayLike) -> FloatArray:
-    """Compute metres per radian of latitude, per radian of longitude and per metre of height, at positions (..., 3)."""
+    """Compute metres per radian of latitude and longitude, and per metre of height, at `lla`; both are (..., 3)."""
     lat, _, height = np.moveaxis(np.asarray(lla, dtype=float), -1, 0)
     meridian, transverse = radii(lat)
     return np.stack([meridian + height, (transverse + height) * np.cos(lat), np.ones_like(lat)], axis=-1)
@@ -94,7 +94,7 @@ def ned_offset(lla: ArrayLike, origin: ArrayLike) -> FloatArray:
     lla, origin = np.asarray(lla, dtype=float), np.asarray(origin, dtype=float)
     meridian, transverse = radii(origin[..., 0])
     d = lla - origin
-    east = (d[..., 1] + np.pi) % (2 * np.pi) - np.pi  # the short way across the date line
+    east = (d[..., 1] + np.pi) % (2 * np.pi) - np.pi  # in [-pi, pi), also across the date line
     return np.stack(
         [
             d[..., 0] * (meridian + origin[..., 2]),

@@ -152,7 +152,7 @@ Pool = Callable[..., Generator[Any]]
 
 @contextmanager
 def _pool(engine: Engine, jobs: int, shared: tuple[Any, ...]) -> Iterator[Pool]:
-    """Provide the worker pool: called with a function, its first arguments and the jobs, yields results in order."""
+    """Provide a function that runs jobs on workers: it takes a function, its first arguments and jobs."""
     from joblib import Parallel, delayed, parallel_config
 
     def work(config: dict[str, Any], how: dict[str, Any], *call: Any, jobs: Iterator[Any]) -> Generator[Any]:
@@ -160,11 +160,11 @@ def _pool(engine: Engine, jobs: int, shared: tuple[Any, ...]) -> Iterator[Pool]:
         with parallel_config(**config):
             results = Parallel(return_as="generator", **how)(delayed(function)(*first, job) for job in jobs)
             try:
-                for result in results:  # noqa: UP028 - `yield from` would close it, before the warning is silenced
+                for result in results:  # noqa: UP028 - `yield from` would close `results`, which warns
                     yield result
             finally:
                 with warnings.catch_warnings():
-                    warnings.simplefilter("ignore")  # unused results are intended
+                    warnings.simplefilter("ignore")  # joblib warns about unused results, which are intended here
                     results.close()
 
     if engine.dask is None:
@@ -222,7 +222,7 @@ def _client(engine: Engine, jobs: int) -> Iterator[Any]:
             client = stack.enter_context(_connected(distributed, engine.dask))
         else:
             settings: dict[str, Any] = {"threads_per_worker": 1, "silence_logs": logging.CRITICAL}
-            settings |= {"n_workers": min(engine.processes, jobs), "preload": __name__}  # `dask_setup` of this module
+            settings |= {"n_workers": min(engine.processes, jobs), "preload": __name__}  # Dask calls `dask_setup`
             settings |= {"host": _LOOPBACK, "dashboard_address": f"{_LOOPBACK}:0"}  # not visible to other machines
             settings |= {"worker_dashboard_address": f"{_LOOPBACK}:0"}
             # Dask stops at the first dead worker and repeats nothing, since `each` repeats the jobs
@@ -275,7 +275,7 @@ def _dask_backend(client: Any, shared: tuple[Any, ...]) -> Any:
         """Backend that reports dead workers, for which joblib would wait forever, and never works in this process."""
 
         def effective_n_jobs(self, n_jobs: int) -> int:
-            return max(2, int(super().effective_n_jobs(n_jobs)))  # with one, joblib would use this process
+            return max(2, int(super().effective_n_jobs(n_jobs)))  # with one worker, joblib would use this process
 
         def submit(self, func: Any, callback: Any = None) -> Any:
             future = super().submit(func, callback)

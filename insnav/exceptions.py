@@ -92,7 +92,7 @@ class InsnavError(Exception):
     def __str__(self) -> str:
         parts = [self.what]
         parts += [f"{label.rstrip()} {text}" for label, text in self.details() if text]
-        return as_keywords("\n".join(parts))  # the command line prints the details
+        return as_keywords("\n".join(parts))  # with Python keywords; the command line uses `details`
 
     def details(self) -> tuple[tuple[str, str], ...]:
         """Return label and text of location, evidence, advice and code."""

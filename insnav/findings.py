@@ -48,9 +48,9 @@ Value: TypeAlias = float | int | str | tuple[float, ...] | tuple[str, ...] | Err
 class Severity(IntEnum):
     """Severity of a finding, in rising order."""
 
-    NOTE = 0  # detected, and handled
-    ASSUMPTION = 1  # assumed: specified neither by the user nor by the data
-    WARNING = 2  # makes the result worse than stated, or may do so
+    NOTE = 0  # insnav detected and handled the fact
+    ASSUMPTION = 1  # insnav assumed the fact: neither the user nor the data specify it
+    WARNING = 2  # the result may be worse than stated
     UNUSABLE = 3  # the result must not be used
 
 
@@ -289,7 +289,7 @@ def _plain(value: Any) -> Any:
         return value
     if isinstance(value, Mapping) and "code" in value:
         return (Finding if "severity" in value else ErrorFacts).from_dict(value)
-    if hasattr(value, "facts"):  # an error
+    if hasattr(value, "facts"):  # `value` is an `InsnavError`
         return value.facts
     if hasattr(value, "tolist"):
         value = value.tolist()

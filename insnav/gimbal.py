@@ -34,7 +34,7 @@ class PlatformErrors:
 
     # (3,) initial rotation from the true North, East, Down to the platform's axes [rad]
     tilt: FloatArray = field(default_factory=lambda: np.zeros(3))
-    # (3,) rotation rate in addition to the commanded rate [rad/s]; a gyro bias of b makes the servo rotate it at -b
+    # (3,) rotation rate beyond the commanded rate [rad/s]; a gyro bias of b makes the servo rotate the platform at -b
     drift: FloatArray = field(default_factory=lambda: np.zeros(3))
     bias: FloatArray = field(default_factory=lambda: np.zeros(3))  # (3,) accelerometer bias [m/s^2]
 
@@ -193,7 +193,7 @@ def _refuse_samples(time: FloatArray, samples: FloatArray) -> None:
 
 
 def _left(time: float, y: FloatArray, vertical: Vertical, disturbed: bool) -> DivergenceError:
-    """Build the error for a solution outside its validity."""
+    """Build the error for a solution that left the allowed heights or latitudes."""
     where = f"t = {time:.3f} s"
     for first in (0, _kernel.COMPUTED):
         if not abs(y[first + 2]) < _kernel.HIGHEST:

@@ -13,7 +13,7 @@ SAMPLE = ("imu.csv.gz", "gps.csv", "ref.csv")
 def library(folder: Path | None = None) -> list[Path]:
     """List motion profiles of the library, or of another folder, alphabetically; empty without a library."""
     source = _folder() if folder is None else folder
-    return sorted(path for path in source.glob("*.toml") if path.stem != "corpus")  # no profile
+    return sorted(path for path in source.glob("*.toml") if path.stem != "corpus")  # corpus.toml is no profile
 
 
 def sample_drive() -> list[Path]:

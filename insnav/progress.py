@@ -29,14 +29,14 @@ def announce(name: str) -> None:
 class Stages:
     """Display of the stages of a computation.
 
-    A timer passes the current line to `show` after each of the delays `waits` [s]; the last line is empty. Use it as a
-    context manager. Call it with a name at the start of each stage, and with `fraction` to report progress.
+    A timer passes the current line to `show` after each of the delays `waits` [s]; at the end `show` gets an empty
+    line. Use it as a context manager. Call it with a name at the start of each stage, with `fraction` to report progress.
     """
 
     def __init__(self, show: Callable[[str], object], waits: Iterable[float]) -> None:
         self._show, self._waits = show, iter(waits)
         self._begin, self._name, self._total = time.monotonic(), "computing", 0
-        self._reports: list[tuple[float, float]] = []  # of this stage: time of the report [s], fraction done
+        self._reports: list[tuple[float, float]] = []  # reports of this stage: time [s], fraction done
         self._working, self._lock = True, threading.Lock()
 
     def __enter__(self) -> Self:

@@ -16,7 +16,7 @@ _One: TypeAlias = "float | int | bool | str | FloatArray | Sequence[float] | Seq
 Value: TypeAlias = "_One | Mapping[str, _One]"
 
 
-ABBREVIATIONS = re.compile(r"\b(cdf|cep|dop|gnss|gps|imu|nees|nhc|nis|ned|rms|zaru|zupt)\b")  # in labels: in capitals
+ABBREVIATIONS = re.compile(r"\b(cdf|cep|dop|gnss|gps|imu|nees|nhc|nis|ned|rms|zaru|zupt)\b")  # capitals in labels
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,7 +27,7 @@ class Quantity:
     # in SI; None if unknown. A mapping has several statistics of the quantity, such as ``rms`` and ``max``, each for a
     # table column.
     value: Value
-    # display unit: from `insnav.units`; another, in which `value` is not in SI (``V/(deg/s)``); empty without unit
+    # display unit: of `insnav.units`, or another unit, in which `value` then is (``V/(deg/s)``); empty without unit
     unit: str = ""
     sd: Value = None  # one standard deviation, in SI
     interval: tuple[float, float] | None = None  # 95 % interval, in SI

@@ -159,7 +159,7 @@ class Result(Generic[F]):
 
     @property
     def accuracy(self) -> dict[str, dict[str, float]]:
-        """Figures of merit of a run by solution, better one first, such as ``accuracy["smoothed"]["heading_deg"]``.
+        """Figures of merit of a run by solution, the best first, such as ``accuracy["smoothed"]["heading_deg"]``.
 
         They are RMS errors against the reference. Without a reference they are stated standard deviations, with ``sd_``
         before the name. Empty for other kinds of result.

@@ -13,7 +13,7 @@ from functools import cache
 from typing import Any
 
 import numpy as np
-import scipy  # its parts are loaded on first use: a tenth of a second
+import scipy  # scipy imports its parts on first use, which saves a tenth of a second here
 
 from insnav import spill
 from insnav.types import FloatArray, IntArray
@@ -25,19 +25,19 @@ _SEED = 20210412
 
 
 def rms(values: FloatArray | Sequence[float]) -> float:
-    """Compute the root mean square of the known values, in their unit; ``NaN`` without any."""
+    """Compute the root mean square of the finite values, in their unit; ``NaN`` without finite values."""
     array = np.asarray(values, dtype=np.float64)
     known = array[np.isfinite(array)]
     return float(np.sqrt(np.mean(known**2))) if known.size else float("nan")
 
 
 def chi_square(freedom: Any, probability: float) -> Any:
-    """Return the chi-square quantile of a probability."""
+    """Compute the chi-square quantile of a probability, for `freedom` degrees of freedom."""
     return 2.0 * scipy.special.gammaincinv(0.5 * np.asarray(freedom, dtype=np.float64), probability)
 
 
 def rms_length(values: FloatArray) -> float:
-    """Compute the RMS length of the known vectors ``(n, k)``; ``NaN`` without any."""
+    """Compute the RMS length of the finite vectors ``(n, k)``; ``NaN`` without finite vectors."""
     total = 0.0
     for start in range(0, len(values), 1 << 13):  # rows that fit in the cache
         total += sum(float(np.einsum("i,i->", column, column)) for column in values[start : start + (1 << 13)].T)
@@ -55,7 +55,7 @@ def moving_variance(values: FloatArray, width: int) -> FloatArray:
     return np.asarray(np.maximum(square - mean * mean, 0.0))
 
 
-@cache  # called for every fix
+@cache  # cached, since the limit is needed for every fix
 def chi2_limit(count: int, share: float) -> float:
     """Compute the value that a sum of `count` squared standard normal numbers exceeds with probability `share`.
 
@@ -163,9 +163,9 @@ def interval(
 
     Notes
     -----
-    Bootstrap quantiles are too narrow for few independent windows: for four they cover 62 %. The interval is instead
-    the standard deviation of the samples' logarithms times Student's t, with one degree of freedom less than the
-    effective sample size. It covers about 90 % for 4 to 60 independent windows.
+    Bootstrap quantiles are too narrow for few independent windows: for four they cover 62 %. The logarithmic interval
+    is therefore the standard deviation of the samples' logarithms times Student's t. Its degrees of freedom are the
+    effective sample size minus one. It covers about 90 % for 4 to 60 independent windows.
     """
     weights = block_weights(start, length)
     sampled, estimate = statistic(weights), statistic(np.ones((1, weights.shape[1])))[0]

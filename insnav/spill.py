@@ -24,7 +24,7 @@ from insnav.exceptions import NO_ROOM, OutputError, reason_of
 
 LARGE = 64 << 20  # bytes in memory of all arrays larger than `SMALL`; further arrays are in files
 SMALL = 1 << 20  # bytes; smaller arrays are always in memory
-ROWS = 1 << 16  # rows of a block
+ROWS = 1 << 16  # rows per block
 _mapped: weakref.WeakSet[mmap.mmap] = weakref.WeakSet()  # mapped files in use
 _read = 0.0  # rows read since memory was last released
 _held: dict[int, int] = {}  # bytes of each array in memory larger than `SMALL`, by its id
@@ -88,7 +88,7 @@ def together(pieces: Iterable[bytes]) -> bytes | mmap.mmap:
 
 
 def _no_room(error: OSError, size: int) -> OSError | OutputError:
-    """Build the error for a file of `size` bytes that could not be written."""
+    """Build the error for a file of `size` bytes that does not fit on the disk; return other errors unchanged."""
     if error.errno not in NO_ROOM:
         return error
     return OutputError("engine.no_room", where=tempfile.gettempdir(), size=size >> 20, reason=reason_of(error))
@@ -136,7 +136,7 @@ def by_blocks(function: Callable[..., NDArray[Any]], *arrays: NDArray[Any]) -> N
 def mean(values: NDArray[Any]) -> NDArray[Any]:
     """Compute the mean of all rows by blocks, for two columns or more, bit-identical to one sum over all rows."""
     total = np.zeros((0, *values.shape[1:]))
-    for part in blocks(len(values)):  # `sum` is five times slower for three columns
+    for part in blocks(len(values)):  # `sum` would be five times slower for three columns
         total = np.einsum("ij->j", np.concatenate([total, values[part]]))[None]
     return np.asarray(total[0] / len(values))
 
@@ -149,7 +149,8 @@ def steps(values: NDArray[Any]) -> NDArray[Any]:
 def every(array: NDArray[Any], step: int) -> NDArray[Any]:
     """Select every `step`-th row."""
     size = step * max(1, LARGE // (step * max(array[:1].nbytes, 1)))
-    return np.concatenate([array[part][::step].copy() for part in blocks(len(array), size=size)])  # before release
+    # copies, since `blocks` releases the memory of each part
+    return np.concatenate([array[part][::step].copy() for part in blocks(len(array), size=size)])
 
 
 def chosen(array: NDArray[Any], selection: NDArray[Any]) -> NDArray[Any]:

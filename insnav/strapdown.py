@@ -61,7 +61,7 @@ def nominal_interval(time: FloatArray) -> float:
     if time.shape[0] < 2:
         raise InputError("data.few_samples", count=time.shape[0])
     step = np.diff(time[: 1 << 16])
-    # the median would be a whole number of milliseconds if the timestamps are
+    # mean, since the median of steps between timestamps in whole milliseconds is a whole millisecond
     return float(np.mean(step[step <= GAP * np.median(step)]))
 
 
@@ -308,10 +308,9 @@ def navigate_short(
 
     Notes
     -----
-    Velocity: Groves (2013), eq. 5.53 without its Coriolis term. The attitude at the start of each interval rotates the
-    specific force, and the velocity there moves the position. Compared with the full form, the velocity error is the
-    integral of ``(2 w_ie + w_en) x v``: horizontally about ``2 W sin(L) v t``. The position error is half of that times
-    t.
+    Velocity: Groves (2013), eq. 5.53 without its Coriolis term. Each step uses the attitude and the velocity at its
+    start. Compared with the full form, the velocity error is the integral of ``(2 w_ie + w_en) x v``: horizontally
+    about ``2 W sin(L) v t``. The position error is half of the velocity error times ``t``.
     """
     x = np.concatenate([lla, v_n, quat_from_rph(rph)])
     out = np.empty((inc.time.shape[0] // every, 10))

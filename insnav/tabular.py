@@ -95,7 +95,7 @@ class Tabular:
 
 @dataclass(frozen=True, slots=True)
 class FromTable(Tabular):
-    """Dataclass of arrays that a table can also be converted to."""
+    """Tabular data that can also be read from a table."""
 
     NEEDED: ClassVar[tuple[str, ...]] = ("time", "lla")
     """Fields whose columns a table must have; other absent fields are ``NaN``, or None where None is their default."""

@@ -241,9 +241,9 @@ class Increments(Tabular):
 
 @dataclass(frozen=True, slots=True)
 class Alignment:
-    """Attitude of the body at one time, with uncertainty and origin."""
+    """Attitude of the body at one time, with its uncertainty and the methods that gave it."""
 
-    time: float  # of this attitude [s]
+    time: float  # time of this attitude [s]
     rph: FloatArray  # (3,) roll, pitch, heading [rad]
     sd: FloatArray  # (3,) standard deviation of the attitude error about North, East, Down [rad]
     # (3,) gyro bias: mean rate while stationary minus the Earth rate, and its standard deviation [rad/s]. Zero and
@@ -278,7 +278,7 @@ class Innovations(Tabular):
         "used_velocity": ("used_velocity",),
     }
 
-    time: FloatArray  # (m,) of the fix, corrected for its delay [s]
+    time: FloatArray  # (m,) time of the fix, corrected for its delay [s]
     innovation: FloatArray  # (m, 6) measured minus predicted
     sd: FloatArray  # (m, 6) predicted standard deviation of the innovation
     # (m,) normalised innovation squared, 3 degrees of freedom each [-]
@@ -294,7 +294,7 @@ class AidingUse:
     """Innovation statistics of one kind of aiding measurement."""
 
     name: str  # kind, such as ``nhc``, ``zupt``, ``odometer``, ``height``, ``heading``
-    # number of measurements
+    # numbers of processed and of rejected measurements
     processed: int
     rejected: int
     innovation_rms: float  # RMS of accepted measurements, over at most the first three components [`unit`]
@@ -312,7 +312,7 @@ class SensorErrors(Tabular):
         "sd": tuple(f"sd_{name}" for name in _SENSOR_ERRORS),
     }
 
-    time: FloatArray  # (m,) [s]
+    time: FloatArray  # (m,) time of the epoch [s]
     # (m, 12) sensor errors and standard deviations, axes x, y, z each: gyro bias [rad/s], accelerometer bias [m/s^2],
     # gyro scale factor and accelerometer scale factor [-]
     value: FloatArray
@@ -331,7 +331,7 @@ class Epochs(Tabular):
         "covariance": (*_POSITION_SD, *_VELOCITY_SD, *_each("sd_phi_?_deg", "n e d")),
     }
 
-    time: FloatArray  # (m,) [s]
+    time: FloatArray  # (m,) time of the epoch [s]
     lla: FloatArray  # (m, 3) latitude, longitude [rad], height [m]
     v_n: FloatArray  # (m, 3) velocity North, East, Down [m/s]
     q_nb: FloatArray  # (m, 4) attitude quaternion, scalar first
@@ -344,7 +344,7 @@ class Epochs(Tabular):
 class StateChange:
     """Change of three error states of the filter at one time."""
 
-    time: float  # of the epoch after the change [s], in sample time
+    time: float  # time of the epoch after the change [s], on the clock of the samples
     first: int  # index of the first of the three error states
     change: FloatArray  # (3,) change of the error, estimate minus truth
     variance: FloatArray  # (3,) smallest error variance after the change
@@ -353,9 +353,9 @@ class StateChange:
 class RoundingChange(NamedTuple):
     """Change of the rounding errors of gyros with coarse resolution."""
 
-    time: float  # of the epoch after the change [s], in sample time
-    before: FloatArray  # (3,) variance of each gyro's rounding error before it [rad^2/s^2]; NaN without a change
-    after: FloatArray  # (3,) variance after the change; zero where noise averages the rounding errors
+    time: float  # time of the epoch after the change [s], on the clock of the samples
+    before: FloatArray  # (3,) variance of each gyro's rounding error before the change [rad^2/s^2]; NaN if unchanged
+    after: FloatArray  # (3,) variance of rounding errors after the change; zero where noise averages them
 
 
 @dataclass(frozen=True, slots=True)
@@ -386,9 +386,9 @@ class Run:
     epochs : Epochs
         State and full covariance after each fix.
     gps_delay, gps_delay_sd : float
-        Age of the fixes relative to their timestamps [s], specified or estimated, and its standard deviation.
+        Age of a fix at its timestamp [s], specified or estimated, and its standard deviation.
     lever_b, lever_sd : (3,) array
-        Antenna seen from the IMU, body axes [m], specified or estimated, and its standard deviation.
+        Lever arm: vector from the IMU to the antenna, body axes [m], specified or estimated; standard deviation.
     smoothed : Smoothed or None
         The smoothed solution, if any.
     aiding : tuple of AidingUse

@@ -60,7 +60,7 @@ _FACTORS: dict[str, dict[str, float]] = {
     "frequency": {"Hz": 1.0, "1/h": 1.0 / HOUR},
     "vibration density": {"(m/s^2)^2/Hz": 1.0, "g^2/Hz": G0 * G0},
 }
-# unit text -> (dimension, factor to SI)
+# dimension and factor to SI of each unit, by its text
 UNITS = {unit: (dimension, factor) for dimension, units in _FACTORS.items() for unit, factor in units.items()}
 # units of the random walk of a bias: unit of the bias divided by the root of a time unit
 UNITS |= {

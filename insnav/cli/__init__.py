@@ -23,7 +23,7 @@ from insnav.exceptions import ConfigError, InputError, InsnavError
 from insnav.messages import translated
 from insnav.plain_text import in_columns
 
-# commands, in the order of the help. Each is a function of this name, in a file of this name or of `SHARED`
+# names of the commands, in the order of the help; also names of their functions, and of their files except `SHARED`
 COMMANDS = (
     *("run", "live", "batch", "check", "demo", "align", "compare", "report", "export", "outage", "budget", "require"),
     *("simulate", "imus", "allan", "tune", "acceptance", "drift", "platform", "verify", "regress"),
@@ -66,7 +66,7 @@ QUIET, VERBOSE = {"-q", "--quiet"}, {"-v", "--verbose"}
 # one thread for linear algebra: as matrices are small, more threads would waste a third of a run's CPU time waiting
 THREADS = "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"
 LEAST_MEMORY = 1200 << 20  # least address space for the libraries, which use a third of it [bytes]
-RENAMED = {"--twins": "--replicas", "--raw": "--uncalibrated", "--workers": "--engine"}  # options of earlier versions
+RENAMED = {"--twins": "--replicas", "--raw": "--uncalibrated", "--workers": "--engine"}  # old and new option names
 
 
 def _version(value: bool) -> None:
@@ -93,7 +93,7 @@ def main() -> None:
         os.environ.setdefault(name, "1")
     os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "__all__")  # otherwise pydantic searches all installed packages
     gc.set_threshold(200_000, 50)  # the 125 000 imported objects stay; searching them for garbage takes 3 % of a run
-    words = list(itertools.takewhile(lambda text: text != "--", sys.argv[1:]))  # words that may be options
+    words = list(itertools.takewhile(lambda text: text != "--", sys.argv[1:]))  # words before -- may be options
     debug = "--debug" in words
     console.level = -1 if QUIET & set(words) else 1 if VERBOSE & set(words) else 0
     renamed = {} if "allan" in words else RENAMED  # --workers of insnav allan is a number of threads
@@ -198,7 +198,7 @@ def _explained(error: Any) -> InsnavError:
     no_memory = isinstance(error, OSError) and error.errno == errno.ENOMEM
     if isinstance(error, MemoryError) or no_memory or (isinstance(error, ImportError) and "map segment" in str(error)):
         return InputError("cli.no_memory")
-    if type(error).__name__ == "UnpicklingError":  # by name, without importing pickle: only numba's cache is pickled
+    if type(error).__name__ == "UnpicklingError":  # a check by name avoids importing pickle; only numba's cache uses it
         from insnav.kernels.errorstate import propagate
 
         return InputError("cli.damaged_kernel", folder=str(propagate.stats.cache_path), reason=str(error))

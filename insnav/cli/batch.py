@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from insnav.findings import Finding
     from insnav.fleet.batch import Drive
 
-SETTINGS = {"ignore_unknown_options": True, "allow_extra_args": True}  # options of insnav run, passed on to it
+SETTINGS = {"ignore_unknown_options": True, "allow_extra_args": True}  # options of insnav run are allowed
 _COLUMNS = ("drive", "vehicle", "result", "horizontal_error", "horizontal_sd", "rejected", "outlier")
 
 

@@ -37,7 +37,7 @@ def budget(
     force: bool = False,
     as_json: bool = False,
 ) -> None:
-    """Compute a budget."""
+    """Compute the error of an IMU after a time without aiding, by error source."""
     imu = data.inputs.get("imu_model")
     if data.imu is not None and (profile is not None or begin is not None):
         raise ConfigError("cli.drive_and_profile", where="--profile")

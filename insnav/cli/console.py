@@ -165,7 +165,7 @@ def error_block(error: InsnavError) -> None:
 
 
 def note(text: str) -> None:
-    """Print one entry of the log."""
+    """Print one log entry on standard error, in the language of the messages."""
     from insnav.messages import translated
 
     if level >= 0:
@@ -183,7 +183,7 @@ def note_warnings(outcome: Result[Any]) -> None:
 
 
 def detail(text: str, *more: str) -> None:
-    """Print one log entry with details, in verbose mode."""
+    """Print one log entry and its details, only in verbose mode."""
     if level > 0:
         note(text)
         for line in more:
@@ -241,14 +241,14 @@ class Stages(progress.Stages):
 
 
 def _show(stream: TextIO, line: str) -> None:
-    """Write a line over the previous one, or to a log."""
+    """Write the progress line over the previous line of the terminal, or as an entry of the log."""
     if stream.isatty():
         print(CLEARED + line[: shutil.get_terminal_size().columns - 1], end="", file=stream, flush=True)
     elif line:
         _log(line, "insnav: ", stream)
 
 
-# Windows has no limit of the CPU time
+# signals that stop the program; Windows has no SIGXCPU, which signals a limit of the CPU time
 STOPS = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGXCPU") if hasattr(signal, name))
 PATIENCE = 0.2  # time before the signal of a stop request is repeated [s]
 # compiled code calls functions of these modules without checking for exceptions: raising there crashes the process
@@ -302,6 +302,6 @@ def _stop(number: int, frame: FrameType | None) -> None:
 
 
 def _unless_stopped(lost: sys.UnraisableHookArgs) -> None:
-    """Suppress reports of exceptions lost in destructors while stopping; such objects may be incomplete."""
+    """Suppress reports of exceptions lost in destructors while stopping: stop request, errors of incomplete objects."""
     if not _requested:
         sys.__unraisablehook__(lost)

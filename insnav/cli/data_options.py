@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from insnav.session.drive import Drive
     from insnav.types import ImuData
 
-_findings, _messages = library("insnav.findings"), library("insnav.messages")  # on first use: not for help
+_findings, _messages = library("insnav.findings"), library("insnav.messages")  # imported on first use, not for --help
 _explanation = library("insnav.report.save")
 
 READING = ("axes", "units", "columns", "sampling", "stamp")  # inputs that affect the reading of samples
@@ -47,7 +47,7 @@ _READER_OPTION = re.compile(r"imu-[a-z]+")
 
 @dataclass(frozen=True, slots=True)
 class Data:
-    """Recording as specified on the command line."""
+    """Files and inputs of a recording, as specified on the command line."""
 
     # input files; None if not specified
     imu: Path | None
@@ -166,7 +166,7 @@ def takes_data(
 
 
 def _told_apart(first: Path, second: Path, gps: Path | None) -> tuple[Path, Path]:
-    """Order two files: samples, fixes, identified as in `insnav check`. ``-``, read only once, keeps the order."""
+    """Order two files: first samples, then fixes, identified as in `insnav check`. Keep the order if one is ``-``."""
     if gps is not None:
         raise ConfigError("cli.fixes_twice", where="--gps", file=str(second))
     if "-" in (str(first), str(second)):

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 @takes_data(without=("logs", "explain", "faults"))
 def align(data: Data, out: Path = Path("alignment"), force: bool = False, as_json: bool = False) -> None:
-    """Align a static record."""
+    """Compute the initial attitude from a record at rest."""
     if data.gps is None and data.inputs.get("lat") is None:
         raise ConfigError("session.no_latitude", where="--lat")
     with console.working(out, force) as (folder, stage):
@@ -34,7 +34,7 @@ def align(data: Data, out: Path = Path("alignment"), force: bool = False, as_jso
         outcome = drive.align()
         read = {event for reading in drive.recording.given().values() for event in reading.events}
         for finding in outcome.findings:
-            if finding not in read and finding is not drive.imu_chosen:  # in the table, or printed by -v
+            if finding not in read and finding is not drive.imu_chosen:  # the other findings are in the table or by -v
                 console.note(sentence(finding))
         outcome, where = data.save(outcome, folder, stage)
     console.result_page(where, outcome.page(), out, as_json=as_json)
@@ -42,7 +42,7 @@ def align(data: Data, out: Path = Path("alignment"), force: bool = False, as_jso
 
 @takes_data(None, only=(*READING, "topic", "time_offset", "lever_arm", "gps_height", "gps_columns"))
 def check(data: Data, files: list[Path], out: Path | None = None, force: bool = False, as_json: bool = False) -> None:
-    """Examine files."""
+    """Examine the files of a recording; print problems, and the command that navigates them."""
     with console.Stages() as stage:
         from insnav.session.check import check as checked
 
@@ -73,7 +73,7 @@ def compare(
     force: bool = False,
     as_json: bool = False,
 ) -> None:
-    """Compare runs."""
+    """Compare the accuracy of several runs against one reference."""
     from insnav.output.folder import RunFolder
     from insnav.session.comparison import compare as compared
 
@@ -106,7 +106,7 @@ def demo(context: typer.Context, out: Path = Path("demo"), force: bool = False) 
 
     imu, gps, reference = (str(path) for path in sample_drive())
     arguments = [imu, "--gps", gps, "--ref", reference, "--lever-arm", "0.8,-0.3,-1.2", "--out", str(out)]
-    typer.echo("$ " + shlex.join(["insnav", "run", *arguments]), err=True)  # not wrapped, for copying
+    typer.echo("$ " + shlex.join(["insnav", "run", *arguments]), err=True)  # without line breaks, to be copied
     run = commands("run").commands["run"]
     with run.make_context("run", arguments, parent=context.find_root()) as inner:
         inner.params["force"] = force
@@ -125,7 +125,7 @@ def outage(
     force: bool = False,
     as_json: bool = False,
 ) -> None:
-    """Simulate outages."""
+    """Simulate GNSS outages all over a recorded drive."""
     wanted = common.positive_numbers(lengths, "--lengths")
     for value, name in ((first, "--first"), (spacing, "--spacing")):
         if value is not None:
@@ -148,7 +148,7 @@ def report(
     pdf: bool = False,
     as_json: bool = False,
 ) -> None:
-    """Draw a run again."""
+    """Write page and figures of a saved result again."""
     from insnav.result import open_result
 
     saved, folder = open_result(run), run.resolve()
@@ -197,7 +197,7 @@ def require(
     force: bool = False,
     as_json: bool = False,
 ) -> None:
-    """Compute a requirement."""
+    """Compute the largest sensor errors that meet a limit on the position error after a time without GPS."""
     if data.imu is not None and profile is not None:
         raise ConfigError("cli.drive_and_profile", where="--profile")
     if data.imu is None and (data.gps is not None or data.ref is not None):

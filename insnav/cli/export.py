@@ -32,7 +32,7 @@ def export(
     week: int | None = None,
     force: bool = False,
 ) -> None:
-    """Write a run in another format."""
+    """Write a run in the format of another program."""
     import numpy as np
 
     from insnav.input.readers.rows import read_epochs

@@ -13,9 +13,9 @@ from insnav.findings import catalogue
 from insnav.messages import language, translated
 from insnav.plain_text import in_columns
 
-_TYPE = re.compile(r" <[^>]*>$")  # Python's type of an argument after its name
+_TYPE = re.compile(r" <[^>]*>$")  # type that typer writes after the name of an argument
 _TWICE = re.compile(r"(?<=\])\s+\[(default: [^]]*|[-\d.<=>x]+)\]$")  # default or range that typer adds to a text
-_WHOLE = re.compile(r"(\[default: -?\d+)\.0\]")  # whole number with a decimal
+_WHOLE = re.compile(r"(\[default: -?\d+)\.0\]")  # default that is a whole number with a needless decimal
 _HEADING = re.compile(r"(?m)^[A-Z][A-Za-z ]*(?=:)|(?<=\[)(?:default(?=:)|required(?=\]))")
 _TEXTS = Path(__file__).parent / "texts"
 
@@ -57,11 +57,11 @@ class _Light:
 
 
 class LightGroup(_Light, TyperGroup):
-    """Group of the commands."""
+    """Group of commands, without pydantic."""
 
 
 class GroupedCommand(_Light, TyperCommand):
-    """Command whose help lists options by panel."""
+    """Command whose help lists options in groups."""
 
     def format_options(self, ctx: Any, formatter: Any) -> None:
         """Write the options in their groups, which are in the order of their first option."""

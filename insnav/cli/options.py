@@ -18,8 +18,8 @@ from insnav.library import library
 if TYPE_CHECKING:
     from insnav.types import FloatArray
 
-FILES = "Files"  # group of the help
-# options that accept a library name: help group and placeholder; insnav folders of the files, none for profiles
+FILES = "Files"  # help group of options for files
+# options whose value may be a library name, by help group and placeholder: folders of the library, () for profiles
 _NAMED: dict[tuple[str, str | None], tuple[str, ...]] = {
     ("IMU", "MODEL"): ("imu/grades", "imu/parts"),
     ("IMU", "PART"): ("imu/parts",),
@@ -52,7 +52,7 @@ def _named(group: str, value: str | None) -> Callable[[str], list[str]] | None:
     def begun(incomplete: str) -> list[str]:
         files = [file for name in folders for file in (Path(__file__).parents[1] / name).glob("*.toml")] or library()
         stems = sorted(file.stem for file in files if file.stem.startswith(incomplete.lower()))
-        return [incomplete + stem[len(incomplete) :] for stem in stems]  # keep capitals that were typed
+        return [incomplete + stem[len(incomplete) :] for stem in stems]  # keep typed letters, maybe capitals
 
     return begun
 
@@ -65,7 +65,7 @@ def _engine(text: str) -> str:
 
 
 def _force(context: typer.Context, value: bool) -> bool | Literal["keep"]:
-    """Return ``keep`` for the default folder without --force; see `insnav.output.folder.RunFolder`."""
+    """Return --force, or ``keep`` for the default folder without it; see `insnav.output.folder.RunFolder`."""
     source = context.get_parameter_source("out")
     default = source is not None and source.name == "DEFAULT" and context.params.get("out") is not None
     return value or ("keep" if default else False)
@@ -156,14 +156,14 @@ def number_in(unit: str, option: str, text: str) -> float:
 
 
 def finite(value: float, option: str, *, largest: float = math.inf) -> float:
-    """Accept a number that is finite and not implausibly large."""
+    """Return a number; raise a ConfigError unless it is finite and at most `largest`, in magnitude."""
     if not math.isfinite(value) or abs(value) > largest:
         raise ConfigError("cli.not_sensible", where=option, value=value)
     return value
 
 
 def not_negative(value: float, option: str, *, largest: float = math.inf) -> float:
-    """Accept a number that is zero or more and not implausibly large."""
+    """Return a number; raise a ConfigError unless it is at least zero and at most `largest`."""
     if finite(value, option, largest=largest) < 0.0:
         raise ConfigError("cli.negative", where=option, value=value)
     return value
@@ -214,7 +214,7 @@ def usage_error(error: Any) -> ConfigError:
     """Convert an error of the option parser to an error of insnav."""
     context, parameter = getattr(error, "ctx", None), getattr(error, "param", None)
     command = context.command_path if context is not None else "insnav"
-    match type(error).__name__:  # typer hides these classes: its own, or click's
+    match type(error).__name__:  # compares names, since typer hides these classes: its own, or click's
         case "NoSuchOption":
             similar = tuple(sorted(error.possibilities or ()))
             return ConfigError("cli.no_such_option", option=error.option_name, similar=similar, command=command)

@@ -31,7 +31,7 @@ def regress(
     out: Path | None = None,
     as_json: bool = False,
 ) -> None:
-    """Compare with the baseline."""
+    """Compare the accuracy of this version, on the corpus of drives, with the baseline."""
     from insnav.regression.baseline import BASELINE_FILE, renewed, write_baseline
     from insnav.regression.corpus import default_corpus
 
@@ -101,7 +101,7 @@ def simulate(
     engine: str = "processes",
     resume: bool = False,
 ) -> None:
-    """Simulate."""
+    """Simulate IMU and GPS files of an exactly known motion."""
     if listed:
         _list(out, force, as_json)
         return
@@ -142,7 +142,7 @@ def simulate(
 def _check(
     profile: str | None, source: Path | None, runs: int | None, run: int | None, sensors: tuple[str, str], resume: bool
 ) -> None:
-    """Refuse incompatible options."""
+    """Refuse incompatible options of insnav simulate."""
     if (profile is None) == (source is None):
         raise ConfigError("cli.no_motion" if profile is None else "cli.two_motions", where="PROFILE, --from")
     if runs is not None and run is not None:
@@ -231,7 +231,7 @@ def verify(
     as_json: bool = False,
     markdown: bool = False,
 ) -> None:
-    """Certify."""
+    """Certify the numerics of this installation against closed forms."""
     if as_json and markdown:
         raise ConfigError("cli.json_or_markdown", where="--json --markdown")
     if faults:

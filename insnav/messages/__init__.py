@@ -130,7 +130,7 @@ def render(finding: Finding, lang: str | None = None, at: At | None = None) -> M
     """
     lang = lang or language()
     entry = catalogue(lang)[finding.code.value]
-    if text := finding.get("text"):  # stored by an earlier version
+    if text := finding.get("text"):  # text stored by an earlier version
         return Message(entry["title"], text)
     values = dict(finding.values) | {"subject": finding.subject, "begin": finding.begin, "end": finding.end}
     form_of = _Form(lang, at or partial(moment, lang=lang), catalogue(lang)["words"])

@@ -63,7 +63,7 @@ def _arrow_array(values: Any) -> Any:
 
 
 def write_numbers(columns: Mapping[str, NDArray[Any]], decimals: Decimals, stream: Any, *, header: bool) -> None:
-    """Write columns of numbers, `rounded`, in the format of `write_csv`, in a third of its time."""
+    """Write columns of numbers as `rounded` and `write_csv` would, in a third of the time."""
     numbers = np.empty((len(columns), len(next(iter(columns.values())))))
     for row, (name, values) in zip(numbers, columns.items(), strict=True):
         row[:] = rounded(name, values, decimals) if name == "heading_deg" else values

@@ -64,7 +64,7 @@ def files_in(folder: Path) -> dict[str, Path]:
     return {name: path for name, path in names.items() if name != FACTS_FILE}
 
 
-_DROPPINGS = {".DS_Store", "Thumbs.db", "desktop.ini"}  # written by file managers
+_DROPPINGS = {".DS_Store", "Thumbs.db", "desktop.ini"}  # files that file managers write
 _LONGEST_NAME = 230  # file systems allow 255 bytes, including the suffix during construction
 _MARK = re.compile(r"\.(tmp|old)-(\d+)$")  # suffix of a temporary folder: kind, process number
 
@@ -103,7 +103,7 @@ class RunFolder:
         with writing("output.folder_unwritable", self._place.parent):
             self._made = [parent for parent in self._place.parents if not parent.exists()]
             self._place.parent.mkdir(parents=True, exist_ok=True)
-            if self._aside.exists():  # left by a dead process with the same PID
+            if self._aside.exists():  # remains of a dead process with the same PID
                 shutil.rmtree(self._aside)
             self._aside.mkdir()
         return self

@@ -28,7 +28,7 @@ from insnav.quantity import quantity_of
 from insnav.tabular import Tabular, unit_of
 from insnav.types import GpsData, Innovations, SensorErrors, Trajectory
 
-parquet = library("pyarrow.parquet")  # loaded on first use: slow to import
+parquet = library("pyarrow.parquet")  # imported on first use, since the import is slow
 TableFormat = Literal["csv", "parquet"]
 T = TypeVar("T", bound=Tabular)
 
@@ -131,7 +131,7 @@ def read_run_table(folder: Path, kind: type[T], name: str = "") -> T:
 
 
 def _field(table: Any, field: str, names: Sequence[str]) -> Any:
-    """Read one field of a type; None if optional and absent."""
+    """Read one field of a data type from its columns `names`; None if the field is optional and absent."""
     if field in _OPTIONAL and names[0] not in table.column_names:
         return None
     values = np.column_stack([table[name].cast(pa.float64()).to_numpy() * unit_of(name) for name in names])

@@ -48,7 +48,7 @@ def body_motion(track: Trajectory) -> tuple[FloatArray, FloatArray]:
     Returns: rate ``w_eb_b`` (n, 3) [rad/s] and acceleration without gravity (n, 3) [m/s^2], in body axes. Derivatives
     are zero in parts of fewer than four rows between gaps; NaN where the trajectory is unknown.
     """
-    q = quat_from_rph(track.rph)  # its sign is arbitrary: made continuous before differentiation
+    q = quat_from_rph(track.rph)  # signs are arbitrary; made continuous below, for the splines
     sign = np.where(np.sum(q[1:] * q[:-1], axis=1) < 0.0, -1.0, 1.0)
     q *= np.concatenate([[1.0], np.cumprod(sign)])[:, None]
     slope = np.zeros((len(q), 7))
@@ -79,7 +79,7 @@ _ALPHA = (  # eq. 35: row j has the coefficients of n^j, n^(j+1), …
 
 
 def utm_zone(lat: float, lon: float) -> tuple[int, bool]:
-    """Return the UTM zone number of a position [rad], with the exceptions in Norway, and whether it is southern."""
+    """Return the UTM zone of a position [rad], including the exceptions in Norway, and True south of the equator."""
     north, east = lat / DEG, (lon / DEG + 180.0) % 360.0 - 180.0
     zone = int((east + 180.0) // 6.0) + 1
     if 56.0 <= north < 64.0 and 3.0 <= east < 12.0:
@@ -178,12 +178,12 @@ def gpx(track: Track) -> str:
 
 
 def kml(track: Track) -> str:
-    """Write KML, as in a run folder."""
+    """Write KML, see `kml_text`."""
     return kml_text(track.trajectory, track.name)
 
 
 def geojson(track: Track) -> str:
-    """Write GeoJSON (RFC 7946): a line, cut at the date line into pieces of two points or more, with their times."""
+    """Write GeoJSON (RFC 7946): a line, cut at the date line into pieces of two points or more, and the times."""
     degrees = track.degrees
     cuts = np.flatnonzero(np.abs(np.diff(degrees[:, 1])) > 180.0) + 1
     pieces = [piece for piece in np.split(np.arange(len(degrees)), cuts) if len(piece) > 1]
@@ -246,7 +246,7 @@ def pos(track: Track) -> str:
 
 
 def nmea(track: Track) -> str:
-    """Write GGA, RMC, GST and HDT of each epoch; an ellipsoidal height is an altitude with zero separation."""
+    """Write GGA, RMC, GST and HDT of each epoch; ellipsoidal heights are written with zero separation."""
     instants = np.datetime_as_string(track.instants("utc"), unit="us").tolist()
     heading = np.degrees(track.trajectory.rph[:, 2]) % 360.0
     lines: list[str] = []
@@ -354,7 +354,7 @@ def kml_text(solution: Trajectory, name: str) -> str:
         f"{x:.8f},{y:.8f},{z:.3f}"
         for x, y, z in zip((lon + 180.0) % 360.0 - 180.0, lat, solution.lla[rows, 2], strict=True)
     ]
-    parts = np.split(np.array(points), np.flatnonzero(np.abs(np.diff(lon)) > 180.0) + 1)  # at the date line
+    parts = np.split(np.array(points), np.flatnonzero(np.abs(np.diff(lon)) > 180.0) + 1)  # cut at date line
     lines = "".join(
         f"<LineString><tessellate>1</tessellate><coordinates>{' '.join(part)}</coordinates></LineString>\n"
         for part in parts
@@ -416,7 +416,7 @@ def _attitude(turn: FloatArray, rph: FloatArray) -> FloatArray:
 
 
 def tangent_poses(track: Trajectory) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return positions East, North, Up of the first epoch ``(n, 3)`` [m], scalar-first quaternions, velocity [m/s]."""
+    """Return positions [m], scalar-first quaternions and velocities [m/s] in the tangent plane at the first epoch."""
     place, turn = _in_tangent(track.lla)
     return place, _attitude(turn, track.rph), np.einsum("nij,nj->ni", turn, track.v_n)
 
