@@ -62,8 +62,8 @@ _KINDS = {
     **dict.fromkeys(("int_type", "int_from_float"), "a whole number"),
 }
 _RELATIONS = {"gt": ">", "ge": "≥", "lt": "<", "le": "≤", "min_length": "≥", "max_length": "≤"}
-# `_NO_KEYS` matches strings and comments. `_DEEP` matches a dotted key of more than twenty parts: the memory that
-# tomllib needs for a key grows with the square of the number of its parts.
+# `_NO_KEYS` matches strings and comments. `_DEEP` matches a dotted key of more than twenty parts. The memory of tomllib
+# for a key grows with the square of the number of its parts.
 _NO_KEYS = re.compile(r'''"""(?:\\.|[^\\])*?"""|\'{3}.*?\'{3}|"(?:\\.|[^"\\\n])*"|\'[^\'\n]*\'|#[^\n]*''', re.DOTALL)
 _DEEP = re.compile(r"(?:\.[ \t]*[\w-]+[ \t]*){20}")
 

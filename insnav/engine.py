@@ -72,7 +72,7 @@ def each(
 
     `function`: of a module that the workers can import. `shared`: arguments that each worker receives once.
     Yields: results; an `InsnavError` if the function raised, or its process died twice. If a process dies, for example
-    for lack of memory, the unfinished jobs handed to workers are repeated one at a time, to find the cause.
+    for lack of memory, the unfinished jobs of all workers are repeated. They run one at a time, to find the cause.
     """
     engine = engine_of(workers)
     if engine.dask is None and (engine.processes == 1 or len(jobs) < 2):

@@ -30,7 +30,7 @@ class Stages:
     """Display of the stages of a computation.
 
     A timer passes the current line to `show` after each of the delays `waits` [s]; at the end `show` gets an empty
-    line. Use it as a context manager. Call it with a name at the start of each stage, with `fraction` to report progress.
+    line. Use it as a context manager. Call it with a name at the start of a stage, and with `fraction` for progress.
     """
 
     def __init__(self, show: Callable[[str], object], waits: Iterable[float]) -> None:

@@ -44,8 +44,8 @@ class Intervals:
     gyro: FloatArray
     accel: FloatArray
     segment: IntArray  # (n,) number of the uninterrupted segment
-    # (n,) zero for a measured interval. Otherwise the interval is one of those that fill a gap, with interpolated
-    # values, and `gap` is the length of the whole gap [s]
+    # (n,) zero for a measured interval; for intervals that fill a gap, with interpolated values, the length of the
+    # whole gap [s]
     gap: FloatArray
     instant: bool  # see `gyro`. The first interval of an instantaneous record has zero length.
 

@@ -1,7 +1,7 @@
 """Data types of insnav.
 
 Measurements are float64 arrays in SI units and radians; see `insnav` for frames and signs. ``NaN`` means "unknown" in
-fields whose description says so. No other value means "unknown".
+fields documented so. No other value means "unknown".
 """
 
 from __future__ import annotations
@@ -218,8 +218,8 @@ class Increments(Tabular):
     coning : (n, 3) array
         Rotation vector of the interval minus `dtheta` [rad].
     sculling : (n, 3) array
-        Velocity increment in the body axes at the interval's start, minus the same increment for constant rate and
-        constant specific force, which is `dvel` with its rotation correction [m/s].
+        Velocity increment in the body axes at the interval's start, minus its value for constant rate and specific
+        force [m/s]. This value is `dvel` plus the rotation correction from `dtheta`.
     """
 
     COLUMNS: ClassVar = {
@@ -254,8 +254,8 @@ class Alignment:
     # methods that gave roll and pitch, and heading; a text instead of a code in folders of earlier versions
     level_method: Code | str
     heading_method: Code | str
-    # (k, 2) level and heading changes between parts of a long stationary period, including sensor drift [rad], as of a
-    # moored boat or a car being loaded. NaN where people board; empty for a short period
+    # (k, 2) level and heading changes between parts of a long stationary period, including sensor drift [rad]. Examples
+    # are a moored boat, and a car being loaded. NaN where people board; empty for a short period
     sway: FloatArray = field(default_factory=lambda: np.empty((0, 2)))
     left: float = -np.inf  # end of this stationary period, which begins with `static` [s]
 
@@ -313,8 +313,8 @@ class SensorErrors(Tabular):
     }
 
     time: FloatArray  # (m,) time of the epoch [s]
-    # (m, 12) sensor errors and standard deviations, axes x, y, z each: gyro bias [rad/s], accelerometer bias [m/s^2],
-    # gyro scale factor and accelerometer scale factor [-]
+    # (m, 12) sensor errors, and their standard deviations. Axes x, y, z of: gyro bias [rad/s], accelerometer bias
+    # [m/s^2], gyro scale factor [-], accelerometer scale factor [-]
     value: FloatArray
     sd: FloatArray
 
@@ -335,8 +335,8 @@ class Epochs(Tabular):
     lla: FloatArray  # (m, 3) latitude, longitude [rad], height [m]
     v_n: FloatArray  # (m, 3) velocity North, East, Down [m/s]
     q_nb: FloatArray  # (m, 4) attitude quaternion, scalar first
-    # (m, 9, 9) of position N, E, D [m], velocity N, E, D [m/s] and attitude error ``phi`` [rad], which is defined by
-    # ``C_hat = (I - [phi x]) C`` with estimate ``C_hat`` and truth ``C`` of the attitude of the sensor axes
+    # (m, 9, 9) of position N, E, D [m], velocity N, E, D [m/s] and attitude error ``phi`` [rad]. The estimated attitude
+    # of the sensor axes is ``C_hat = (I - [phi x]) C``, with the true attitude ``C``
     covariance: FloatArray
 
 
