@@ -103,7 +103,7 @@ def each(
                         following += 1
                         yield outcome
             except died as error:
-                if alone:
+                if alone:  # this job ended its process twice
                     following += 1
                     yield InsnavError("engine.process_died", reason=str(error).split(". ")[0])
                 else:
@@ -194,7 +194,7 @@ def dask_setup(worker: object) -> None:
 def _end_with(parent: int) -> None:
     while os.getppid() == parent:
         time.sleep(1.0)
-    os._exit(1)
+    os._exit(1)  # the parent process has ended
 
 
 def _processors() -> int:

@@ -51,7 +51,7 @@ class Stages:
             self._show("")
 
     def _wait(self) -> None:
-        for wait in itertools.islice(self._waits, 1):
+        for wait in itertools.islice(self._waits, 1):  # the next delay, if any
             timer = threading.Timer(wait, self._tick)
             timer.daemon = True
             timer.start()
@@ -88,7 +88,7 @@ class Stages:
         """
         if not self._reports:
             return math.nan
-        middle = 0.5 * (self._reports[0][0] + now)
+        middle = 0.5 * (self._reports[0][0] + now)  # time halfway through the stage so far
         (begin, share), (last, done) = max(report for report in self._reports if report[0] <= middle), self._reports[-1]
         remaining = (1.0 - done) * (last - begin) / (done - share) - (now - last) if done > share else math.nan
         return remaining if remaining > 0.0 else math.nan

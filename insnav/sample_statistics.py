@@ -44,7 +44,7 @@ def rms_length(values: FloatArray) -> float:
     spill.release(len(values))
     if math.isfinite(total) and len(values):
         return math.sqrt(total / len(values))
-    known = values[np.isfinite(values).all(axis=1)]
+    known = values[np.isfinite(values).all(axis=1)]  # again without rows that are not finite
     return rms_length(known) if 0 < len(known) < len(values) else float("nan")
 
 

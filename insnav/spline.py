@@ -61,13 +61,13 @@ def _slopes(h: FloatArray, rise: FloatArray) -> FloatArray:
     right[-1] -= ends[1]
     before, after, inner = h[1:] / diagonal, h[:-1] / diagonal, right / diagonal
     before[0] = after[-1] = 0.0
-    step, n = 1, inner.shape[0]
+    step, n = 1, inner.shape[0]  # distance of the unknowns in each equation, their number
     while step < n and max(np.abs(before).max(), np.abs(after).max()) > 1e-18:
         down = [np.pad(terms[:-step], ((step, 0), (0, 0))) for terms in (before, after, inner)]
         up = [np.pad(terms[step:], ((0, step), (0, 0))) for terms in (before, after, inner)]
-        remaining = 1.0 - before * down[1] - after * up[0]
-        inner = (inner - before * down[2] - after * up[2]) / remaining
-        before, after, step = -before * down[0] / remaining, -after * up[1] / remaining, 2 * step
+        pivot = 1.0 - before * down[1] - after * up[0]
+        inner = (inner - before * down[2] - after * up[2]) / pivot
+        before, after, step = -before * down[0] / pivot, -after * up[1] / pivot, 2 * step
     start, end = (ends[0] - first * inner[0]) / h[1], (ends[1] - last * inner[-1]) / h[-2]
     return np.vstack([start, inner, end])
 

@@ -52,6 +52,7 @@ class Intervals:
 
 @lru_cache(maxsize=2)
 def _weights(instant: bool) -> tuple[FloatArray, FloatArray]:
+    # weights of the polynomial through samples at equal spacing
     weights = _increments.uniform_weights(instant)
     return weights, _increments.stage_weights(weights)
 
@@ -95,7 +96,7 @@ def intervals(imu: ImuData, nominal: float | None = None) -> Intervals:
         # Rates are interpolated across a gap. Recorded increments are not converted to rates, to avoid rounding errors.
         length_of = end - start if imu.sampling == "increment" else np.ones(end.shape[0])
         insert_at, new_gap, new_end, new_values = [], [], [], []
-        for k in gaps:
+        for k in gaps:  # fill the gap after interval k with `missing` intervals
             length = start[k + 1] - end[k]
             missing = max(1, round(length / nominal))
             share = np.arange(1, missing + 1)
@@ -126,6 +127,7 @@ def pieces(imu: ImuData) -> Iterator[Intervals]:
     """Yield the `intervals` of a long record block by block; only segment numbers differ, which each block restarts."""
     nominal, rows = nominal_interval(imu.time), imu.time.shape[0]
     for block in spill.blocks(rows):
+        # compute with neighbours on both sides, then cut them off
         first = max(block.start - BESIDE, 0)
         parts = intervals(imu.rows(slice(first, block.stop + BESIDE)), nominal)
         sample = np.flatnonzero(parts.gap == 0.0)

@@ -29,6 +29,7 @@ Source = Literal["given", "data", "prior"]
 
 
 def _each(template: str, parts: str) -> tuple[str, ...]:
+    # each part replaces the question mark of the template
     return tuple(template.replace("?", part) for part in parts.split())
 
 

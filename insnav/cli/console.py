@@ -43,7 +43,6 @@ def result(text: str, *, always: bool = False) -> None:
     """Print the requested result on standard output.
 
     `always`: print also in quiet mode, as the user requested this output.
-
     Raises: OutputError: standard output fails, such as a file on a full disk. BrokenPipeError: its reader closed it.
     """
     if level < 0 and not always:
@@ -102,10 +101,7 @@ def shown_page(page: Page, files: str = "") -> str:
 
 
 def write_result(outcome: Result[Any], folder: RunFolder, stage: Stages, **how: Any) -> Path:
-    """Write a result into its folder; return the finished folder.
-
-    `how`: arguments of `insnav.report.save.save_result`.
-    """
+    """Write a result by `insnav.report.save.save_result`, with the arguments `how`; return the finished folder."""
     stage("writing")
     from insnav.report.save import save_result
 
@@ -295,6 +291,7 @@ def _stop(number: int, frame: FrameType | None) -> None:
     _repeat = threading.Timer(PATIENCE, signal.raise_signal, (number,))
     _repeat.daemon = True
     _repeat.start()
+    # compiled code among the callers may not check for exceptions: then wait for the repeated signal
     while frame is not None and not frame.f_globals["__name__"].startswith(UNCHECKED):
         frame = frame.f_back
     if frame is None:

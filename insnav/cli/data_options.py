@@ -206,7 +206,7 @@ def _parameter(name: str, kind: Any, how: Any, *, needed: bool = False) -> inspe
     )
 
 
-def _name(what: Input) -> str:
+def _name(what: Input) -> str:  # of the command's parameter for an input
     return what.option.lstrip("-").replace("-", "_")
 
 
@@ -226,10 +226,7 @@ def _value(what: Input, given: Any) -> Any:
 
 
 def as_option(where: str) -> str:
-    """Replace the name of an input by its option in the location of an error; other locations stay unchanged.
-
-    `where`: location of an `InsnavError`: ``lever_arm`` becomes ``--lever-arm``.
-    """
+    """Replace the name of an input by its option in the location of an error: ``lever_arm`` by ``--lever-arm``."""
     return _FIRST_WORD.sub(lambda found: _option_of(found[0]), where)
 
 
@@ -259,11 +256,8 @@ def _renamed(columns: Mapping[str, str]) -> str:
 
 
 def compile_at_first(*files: Path) -> None:
-    """Compile the kernels at the first use after an installation, and log the reason for the delay.
-
-    Without effect if one of `files` is missing, so that the user sees this error at once.
-    """
-    if not all(file.exists() for file in files):
+    """Compile the kernels at the first use after an installation, and log the reason for the delay."""
+    if not all(file.exists() for file in files):  # the error of a missing file must not wait
         return
     from insnav.kernels import ahead, errorstate
 

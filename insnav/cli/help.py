@@ -81,6 +81,7 @@ class GroupedCommand(_Light, TyperCommand):
 
 
 def _processed(param: Any, ctx: Any, value: Any) -> Any:
+    # convert texts, paths, choices and defaults here; typer converts other values, and reports wrong ones
     kind = getattr(getattr(param, "type_descriptor", None), "annotation", None)
     source = ctx.get_parameter_source(param.name)
     if param.nargs != 1 or getattr(param, "multiple", False) or source is None or (param.required and value is None):

@@ -80,10 +80,12 @@ class _Rows:
 
         from insnav.types import Trajectory
 
+        # remove samples that are not later than all earlier samples
         latest = np.maximum.accumulate(np.concatenate([[self._last], time]))
         backward = np.flatnonzero(time <= latest[:-1])
         self._last, given = float(latest[-1]), time
         time, gyro, accel = (np.delete(array, backward, axis=0) for array in (time, gyro, accel))
+        # pass the samples of each output interval together
         number = np.floor(time / self._interval + 1e-6) if self._interval else time
         edges = np.flatnonzero(np.diff(number, prepend=-np.inf))
         for first, last in pairwise([*edges, time.size]):

@@ -57,7 +57,7 @@ def _named(group: str, value: str | None) -> Callable[[str], list[str]] | None:
     return begun
 
 
-def _engine(text: str) -> str:
+def _engine(text: str) -> str:  # checks an engine before anything is computed
     from insnav.engine import engine_of
 
     engine_of(text)

@@ -181,11 +181,12 @@ def _translated(text: str, lang: str, kept: frozenset[str]) -> str:
         return str(words.get(text, text))
     name, bracket, unit = text.partition(" [") if text.endswith("]") else (text, "", "")
     lowered = name[:1].lower() + name[1:]
+    # an entry for the whole text, with # for each number
     key = next((key for key in (_NUMBER.sub("#", name), _NUMBER.sub("#", lowered)) if key in words), None)
     if key is not None:
         numbers = iter(_NUMBER.findall(name))
         return re.sub("#", lambda _: next(numbers, "#"), words[key]) + bracket + unit
-    for pattern, wanted in _patterns(lang):
+    for pattern, wanted in _patterns(lang):  # entries with {} for parts
         match = pattern.fullmatch(name) or pattern.fullmatch(lowered)
         if match and (parts := _parts(match.groups(), lang, kept)):
             return f"{wanted.format(*parts)}{bracket}{unit}"
@@ -226,7 +227,7 @@ def _filled(text: str, values: Mapping[str, Any], how: _Form) -> str:
     return "".join(parts)
 
 
-def _known(value: Any) -> bool:
+def _known(value: Any) -> bool:  # a finite number, or another value that is not empty
     return math.isfinite(value) if isinstance(value, Real) else value not in (None, "", ())
 
 

@@ -183,6 +183,7 @@ def read_stored(folder: Path, name: str = FILE) -> Any:
 
 
 def _restored(value: Any, content: Mapping[str, np.ndarray]) -> Any:
+    # inverse of `plain` in `store`; `content` has the arrays
     if not isinstance(value, dict):
         return value
     if "array" in value:

@@ -166,7 +166,7 @@ class RunFolder:
         free_names = (self._place.with_name(f"{self._place.name}~{number}") for number in itertools.count(1))
         keep = self.force == "keep"
         old = next(free for free in free_names if not free.exists()) if keep else _beside(self._place, "old")
-        replacing = self._place.exists()
+        replacing = self._place.exists()  # move the old result away, and back if the new one cannot be moved
         if replacing:
             _check_target(self._place, force=self.force)
             self._place.rename(old)
@@ -251,7 +251,7 @@ def foreign_files(place: Path) -> list[str]:
     return [name for name in present if name not in listed]
 
 
-def _beside(place: Path, kind: str) -> Path:
+def _beside(place: Path, kind: str) -> Path:  # temporary name next to a path, with the process number
     return place.with_name(f".{place.name}.{kind}-{os.getpid()}")
 
 

@@ -163,5 +163,6 @@ def _finding_of_row(row: Mapping[str, Any]) -> Finding:
     if "code" in row:
         texts = {name: text_of_cell(row[name]) for name in ("code", "severity", "subject")}
         return Finding.from_dict(times | texts | {"values": json.loads(row["values"])})
+    # a row of version 0.2
     values = {"value": row["value"], "limit": row["limit"], "text": text_of_cell(row["action"])}
     return Finding.from_dict(times | {"code": row["kind"], "severity": "note", "values": values})

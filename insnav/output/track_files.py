@@ -275,9 +275,9 @@ def nmea(track: Track) -> str:
 
 
 def sbet(track: Track) -> bytes:
-    """Write SBET: time, position, velocity, attitude, wander angle, acceleration, angular rate.
+    """Write SBET: time, position, velocity, attitude, angle of the level axes, acceleration, angular rate.
 
-    Times are seconds of the GPS week if the date is known. The wander angle is zero: velocities are North, East, Down.
+    Times are seconds of the GPS week if the date is known. The level axes are North, East, Down: their angle is zero.
     Accelerations and rates are relative to the Earth, in body axes.
     """
     trajectory = track.trajectory
