@@ -152,14 +152,14 @@ def takes_data(
             imu, gps, ref = (options.get(name) for name in ("imu_file", "gps", "ref"))
             data = Data(imu, gps, ref, cast(Inputs, inputs), common.configuration(options))
             try:
-                function(data, **{each.name: options[each.name] for each in own_parameters})
+                function(data, **{item.name: options[item.name] for item in own_parameters})
             except OutputError:
                 _refuse_nothing(data.imu, data.gps, data.ref)
                 raise
 
         keyword = inspect.Parameter.KEYWORD_ONLY
-        command.__dict__["__signature__"] = inspect.Signature([each.replace(kind=keyword) for each in parameters])
-        command.__annotations__ = {each.name: each.annotation for each in parameters}
+        command.__dict__["__signature__"] = inspect.Signature([item.replace(kind=keyword) for item in parameters])
+        command.__annotations__ = {item.name: item.annotation for item in parameters}
         return command
 
     return decorate
