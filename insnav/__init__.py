@@ -8,18 +8,18 @@ Attitude
     ``C_nb`` and ``q_nb`` (scalar first) take body coordinates to navigation coordinates: ``f_n = C_nb @ f_b``.
     ``rph`` is roll, pitch, heading; heading clockwise from north in [0, 2 pi).
 Vectors
-    Carry their frame: ``v_n``, ``w_ib_b``, ``lever_b``. Order: latitude, longitude, height; North, East, Down.
+    The name ends in the frame: ``v_n``, ``w_ib_b``, ``lever_b``. Order: latitude, longitude, height; North, East, Down.
 Specific force
-    Sensed by an accelerometer: level and at rest, z is -9.8 m/s^2.
+    Measured by an accelerometer: level and at rest, z is -9.8 m/s^2.
 Height
     Above the WGS-84 ellipsoid.
 Units
-    SI and radians inside, without a suffix. In columns, configuration, options and plots the unit is in the name:
-    ``lat_deg``, ``gyro_x_rad_s``.
+    Variables inside the package are in SI units and radians, without a suffix. Names of columns, configuration keys,
+    options and plots contain the unit: ``lat_deg``, ``gyro_x_rad_s``.
 Errors
     Estimate minus truth. ``sd`` is one standard deviation.
 Time
-    Seconds as float64 from an epoch of the file's own.
+    Seconds as float64, counted from the time origin of the input file.
 Shapes
     One row per sample: ``(n,)``, ``(n, 3)``, quaternions ``(n, 4)``, matrices ``(n, 3, 3)``.
 
@@ -31,9 +31,9 @@ Start here
 >>> result.plot("position_error"); result.to_frame(); result.save("run1")  # doctest: +SKIP
 >>> drive.outage(lengths=(10, 30)); drive.budget(times=(10, 60))  # doctest: +SKIP
 
-`load` takes files, data frames and arrays; `simulate` makes simulated drives; `calibrate`, `acceptance`, `allan`,
+`load` takes files, data frames and arrays. `simulate` makes simulated drives. `calibrate`, `acceptance`, `allan`,
 `drift` and `platform` take bench records. The shell commands call the same functions, with the same defaults.
-`navigate_recording`, `navigate` and `increments` are parts for own algorithms.
+`navigate_recording`, `navigate` and `increments` are building blocks for your own algorithms.
 """
 
 from __future__ import annotations
@@ -132,8 +132,8 @@ __all__ = [
 
 
 def __getattr__(name: str) -> Any:
-    # numba, filterpy and pyarrow take most of a second to import: they are loaded on use
-    if name == "simulate":  # a callable package
+    # importing numba, filterpy and pyarrow takes most of a second, so each name is imported on first use
+    if name == "simulate":  # the package `insnav.simulate` is itself callable
         return import_module("insnav.simulate")
     if name in _HOME:
         return getattr(import_module(_HOME[name]), name)

@@ -1,8 +1,8 @@
 """Attitude: quaternions, direction cosine matrices, rotation vectors, roll-pitch-heading.
 
 ``q_nb`` (scalar first) and ``C_nb`` take body coordinates to navigation coordinates: ``v_n = C_nb @ v_b``. Roll, pitch
-and heading are the rotations about the forward, right and down axis, heading first (z-y-x). At pitch +-90 deg only
-heading plus or minus roll is defined; roll is returned as computed.
+and heading are the rotations about the forward, right and down axis, heading first (z-y-x). At pitch +90 deg only
+heading minus roll is defined, at -90 deg only their sum. Both angles are then returned as computed.
 
 References
 ----------
@@ -25,16 +25,16 @@ def wrap_pi(angle: ArrayLike) -> FloatArray:
 def wrap_two_pi(angle: ArrayLike) -> FloatArray:
     """Wrap an angle to [0, 2 pi) [rad]."""
     wrapped = np.asarray(np.asarray(angle, dtype=float) % (2 * np.pi))
-    return np.where(wrapped >= 2 * np.pi, 0.0, wrapped)  # a tiny negative angle rounds up to 2 pi
+    return np.where(wrapped >= 2 * np.pi, 0.0, wrapped)  # rounding turns a tiny negative angle into 2 pi
 
 
 def skew(v: ArrayLike) -> FloatArray:
     """Build the matrix (..., 3, 3) of the cross product with v (..., 3): ``skew(v) @ u = v x u`` (Groves, eq. 2.50)."""
     v = np.asarray(v, dtype=float)
-    of = np.zeros((*v.shape, 3))
-    of[..., [2, 0, 1], [1, 2, 0]] = v
-    of[..., [1, 2, 0], [2, 0, 1]] = -v
-    return of
+    matrix = np.zeros((*v.shape, 3))
+    matrix[..., [2, 0, 1], [1, 2, 0]] = v
+    matrix[..., [1, 2, 0], [2, 0, 1]] = -v
+    return matrix
 
 
 def quat_multiply(p: ArrayLike, q: ArrayLike) -> FloatArray:
@@ -108,13 +108,13 @@ def rph_from_quat(q: ArrayLike) -> FloatArray:
     Returns: (..., 3): roll in [-pi, pi), pitch in [-pi/2, pi/2], heading in [0, 2 pi) [rad].
     """
     a, b, c, d = np.moveaxis(np.asarray(q, dtype=float), -1, 0)
-    # By the half angles of eq. 2.38, a + c and d - b are cosine and sine of (heading - roll) / 2, times s. Then a - c
-    # and d + b are cosine and sine of (heading + roll) / 2, times c. Here s and c are sine and cosine of pitch / 2 + 45
-    # deg. Near the vertical one pair vanishes with its half sum or difference, but the attitude of the three angles
-    # remains exact.
-    apart, together = np.arctan2(d - b, a + c), np.arctan2(d + b, a - c)
+    # By eq. 2.38, a + c and d - b are u cos(x) and u sin(x) with x = (heading - roll) / 2. Also, a - c and d + b are
+    # v cos(y) and v sin(y) with y = (heading + roll) / 2. Here u and v are sqrt(2) times sine and cosine of
+    # pitch / 2 + 45 deg. At pitch -90 deg u is zero and x arbitrary, at +90 deg v is zero and y arbitrary. The three
+    # returned angles still describe the attitude exactly.
+    half_difference, half_sum = np.arctan2(d - b, a + c), np.arctan2(d + b, a - c)
     pitch = 2 * np.arctan2(np.hypot(a + c, d - b), np.hypot(a - c, d + b)) - np.pi / 2
-    return np.stack([wrap_pi(together - apart), pitch, wrap_two_pi(together + apart)], axis=-1)
+    return np.stack([wrap_pi(half_sum - half_difference), pitch, wrap_two_pi(half_sum + half_difference)], axis=-1)
 
 
 def dcm_from_rph(rph: ArrayLike) -> FloatArray:
@@ -123,19 +123,19 @@ def dcm_from_rph(rph: ArrayLike) -> FloatArray:
 
 
 def rph_by_turn(dcm: ArrayLike, turn: ArrayLike) -> FloatArray:
-    """Compute the change of roll, pitch, heading by small rotations about North, East, Down, not near the vertical.
+    """Compute the change of roll, pitch, heading by small rotations about North, East, Down; invalid near the vertical.
 
     `dcm` (..., 3, 3): ``C_nb``; `turn` (..., 3) [rad] (Euler rates: Groves 2013, eq. 2.58). Returns: (..., 3) [rad].
     """
     c, turn = np.asarray(dcm, dtype=float), np.asarray(turn, dtype=float)
-    level = np.hypot(c[..., 0, 0], c[..., 1, 0])  # cosine of pitch
-    along = (c[..., 0, 0] * turn[..., 0] + c[..., 1, 0] * turn[..., 1]) / level
-    across = (c[..., 0, 0] * turn[..., 1] - c[..., 1, 0] * turn[..., 0]) / level
-    return np.stack([along / level, across, turn[..., 2] - c[..., 2, 0] * along / level], axis=-1)
+    cos_pitch = np.hypot(c[..., 0, 0], c[..., 1, 0])
+    ahead = (c[..., 0, 0] * turn[..., 0] + c[..., 1, 0] * turn[..., 1]) / cos_pitch
+    right = (c[..., 0, 0] * turn[..., 1] - c[..., 1, 0] * turn[..., 0]) / cos_pitch
+    return np.stack([ahead / cos_pitch, right, turn[..., 2] - c[..., 2, 0] * ahead / cos_pitch], axis=-1)
 
 
 def quat_from_dcm(dcm: ArrayLike) -> FloatArray:
-    """Convert a direction cosine matrix to a quaternion, by its largest component (Shepperd 1978).
+    """Convert a direction cosine matrix to a quaternion, starting from its largest component (Shepperd 1978).
 
     `dcm` (..., 3, 3): ``C_nb``.
     Returns: (..., 4): unit quaternion with a non-negative scalar part.
@@ -143,7 +143,7 @@ def quat_from_dcm(dcm: ArrayLike) -> FloatArray:
     m = np.asarray(dcm, dtype=float)
     trace = m[..., 0, 0] + m[..., 1, 1] + m[..., 2, 2]
     squares = np.stack([trace, m[..., 0, 0], m[..., 1, 1], m[..., 2, 2]], axis=-1)
-    # Row i of K is 4 q_i q: any row gives q, the row with the largest diagonal without loss of digits.
+    # Row i of the matrix k is 4 q_i q. Every row gives q; the row with the largest diagonal loses no digits.
     k = np.zeros((*m.shape[:-2], 4, 4))
     k[..., 0, 0] = 1 + trace
     for i in range(3):
@@ -151,7 +151,7 @@ def quat_from_dcm(dcm: ArrayLike) -> FloatArray:
         k[..., 0, i + 1] = k[..., i + 1, 0] = m[..., n, j] - m[..., j, n]
         k[..., i + 1, i + 1] = 1 + 2 * m[..., i, i] - trace
         k[..., i + 1, j + 1] = k[..., j + 1, i + 1] = m[..., i, j] + m[..., j, i]
-    best = np.argmax(squares, axis=-1)[..., None, None]
-    q = np.take_along_axis(k, np.broadcast_to(best, (*m.shape[:-2], 1, 4)), axis=-2)[..., 0, :]
+    largest = np.argmax(squares, axis=-1)[..., None, None]
+    q = np.take_along_axis(k, np.broadcast_to(largest, (*m.shape[:-2], 1, 4)), axis=-2)[..., 0, :]
     q = q / np.linalg.norm(q, axis=-1, keepdims=True)
     return np.asarray(np.where(q[..., :1] < 0, -q, q))

@@ -43,26 +43,27 @@ def parse_quantity(text: str, dimension: str, *, where: str = "") -> float:
     number, unit = float(match[1]), plain_unit(match[2])
     if unit not in UNITS:
         raise ConfigError("unit.unknown", where=where, text=text, unit=unit, units=units)
-    other, factor = UNITS[unit]
-    if other != dimension:
+    dim, factor = UNITS[unit]
+    if dim != dimension:
         raise ConfigError(
-            "unit.of_other_dimension", where=where, text=text, unit=unit, other=other, dimension=dimension, units=units
+            "unit.of_other_dimension", where=where, text=text, unit=unit, other=dim, dimension=dimension, units=units
         )
     if not math.isfinite(number * factor):
         raise ConfigError("unit.not_finite", where=where, text=text)
     return number * factor
 
 
-MAX_BYTES = 1_000_000  # an IMU file has one or two kB
-MAX_TEXT = 100  # longest plausible "number unit"
-# kinds of pydantic errors: expected type, and comparison with a limit
+MAX_BYTES = 1_000_000  # longest accepted file; an IMU file has one or two kB
+MAX_TEXT = 100  # longest plausible text of a number and its unit [characters]
+# error types of pydantic: the type that it expected, and the comparison with a limit that failed
 _KINDS = {
     **{"bool_type": "true or false", "dict_type": "a table", "list_type": "a list"},
     **dict.fromkeys(("float_type", "float_parsing"), "a number"),
     **dict.fromkeys(("int_type", "int_from_float"), "a whole number"),
 }
 _RELATIONS = {"gt": ">", "ge": "≥", "lt": "<", "le": "≤", "min_length": "≥", "max_length": "≤"}
-# strings and comments; a key of more than twenty parts, for which tomllib needs quadratic memory
+# `_NO_KEYS` matches strings and comments. `_DEEP` matches a dotted key of more than twenty parts. The memory of tomllib
+# for a key grows with the square of the number of its parts.
 _NO_KEYS = re.compile(r'''"""(?:\\.|[^\\])*?"""|\'{3}.*?\'{3}|"(?:\\.|[^"\\\n])*"|\'[^\'\n]*\'|#[^\n]*''', re.DOTALL)
 _DEEP = re.compile(r"(?:\.[ \t]*[\w-]+[ \t]*){20}")
 
@@ -76,7 +77,7 @@ class Table(BaseModel):
 
     model_config = ConfigDict(extra="forbid", strict=True)
     either: ClassVar[tuple[str, ...]] = ()  # two keys, of which exactly one is required
-    above_zero: ClassVar[tuple[str, ...]] = ()
+    above_zero: ClassVar[tuple[str, ...]] = ()  # keys whose values must be positive
 
     @model_validator(mode="after")
     def _keys_fit(self) -> Self:
@@ -105,7 +106,7 @@ def read_short(path: Path) -> bytes:
 
 
 def read_toml(path: Path) -> dict[str, Any]:
-    """Read a TOML file; raises as `read_short`, and ConfigError for invalid TOML."""
+    """Read a TOML file. Raises: ConfigError: as in `read_short`, or the file is not valid TOML."""
     where = str(path)
     try:
         text = read_short(path).decode("utf-8-sig")
@@ -122,31 +123,31 @@ def validate(model: type[Model], data: dict[str, Any], where: str) -> Model:
     """Check the content of a TOML file against its model.
 
     `where`: file to name in the error.
-    Raises: ConfigError: all errors together, each with the dotted name of its key.
+    Raises: ConfigError: the content is invalid. It lists all errors, each with the dotted name of its key.
     """
-    found, problems = checked(model, data)
-    if found is None:
+    content, problems = checked(model, data)
+    if content is None:
         refuse(problems, where)
-    return found
+    return content
 
 
 def checked(model: type[Model], data: dict[str, Any]) -> tuple[Model | None, list[ConfigError]]:
-    """Check a table against its model; return the checked content, or its errors."""
+    """Check a table against its model; return the checked content or None, and the errors."""
     try:
         return model.model_validate(data), []
     except ValidationError as error:
-        every = error.errors(include_url=False, include_input=False)
-        unknown = [each for each in every if each["type"] == "extra_forbidden"]
-        known: Any = copy.deepcopy(data)
-        for *place, key in (each["loc"] for each in unknown):
-            del functools.reduce(lambda table, name: table[name], place, known)[key]
-        # pydantic checks a table with an unknown key no further
-        more = checked(model, known)[1] if unknown else [_problem(model, each) for each in every]
-        return None, [*(_problem(model, each) for each in unknown), *more]
+        errors = error.errors(include_url=False, include_input=False)
+        unknown = [details for details in errors if details["type"] == "extra_forbidden"]
+        without_unknown: Any = copy.deepcopy(data)
+        for *parents, key in (details["loc"] for details in unknown):
+            del functools.reduce(lambda table, name: table[name], parents, without_unknown)[key]
+        # pydantic does not check the values of a table with an unknown key: check again without unknown keys
+        further = checked(model, without_unknown)[1] if unknown else [_problem(model, details) for details in errors]
+        return None, [*(_problem(model, details) for details in unknown), *further]
 
 
 def refuse(problems: list[ConfigError], where: str) -> NoReturn:
-    """Raise all errors of a file together; the location of each is a key of the file."""
+    """Raise one error that contains all errors of a file. Each of them has a key of the file as its location."""
     if len(problems) == 1:
         problems[0].where = ": ".join(filter(None, (where, problems[0].where)))
         raise problems[0]
@@ -154,17 +155,17 @@ def refuse(problems: list[ConfigError], where: str) -> NoReturn:
 
 
 def scalar(dimension: str, *, signed: bool = False) -> PlainValidator:
-    """Build a validator of one quantity, negative only if `signed`; its dimension as in `insnav.units.UNITS`."""
+    """Build a validator of a quantity with a dimension of `insnav.units.UNITS`; negative values need `signed`."""
     return PlainValidator(lambda value: quantity(value, dimension, signed=signed))
 
 
 def signed_scalar(dimension: str) -> PlainValidator:
-    """Build a validator of one quantity of either sign; its dimension as in `insnav.units.UNITS`."""
+    """Build a validator of a quantity of either sign with a dimension of `insnav.units.UNITS`."""
     return scalar(dimension, signed=True)
 
 
 def axes(dimension: str, *, signed: bool = False) -> PlainValidator:
-    """Build a validator of one quantity for all axes or a list of one per axis; see `scalar`."""
+    """Build a validator of one quantity for all three axes, or of a list of three quantities; see `scalar`."""
 
     def check(value: object) -> Axes:
         if isinstance(value, list):
@@ -194,45 +195,45 @@ def matrix_of(dimension: str = "") -> PlainValidator:
 
 
 def with_fields(base: type[Model], fields: Mapping[str, PlainValidator | type[Table]]) -> type[Model]:
-    """Add optional keys to a table: quantities by validators, or tables; an existing key is replaced."""
-    found: dict[str, Any] = {
-        key: (of | None if isinstance(of, type) else Annotated[Any, of], None) for key, of in fields.items()
+    """Derive a table model with further optional keys, each a validator or a table model; replace existing keys."""
+    definitions: dict[str, Any] = {
+        key: (kind | None if isinstance(kind, type) else Annotated[Any, kind], None) for key, kind in fields.items()
     }
-    return create_model(base.__name__, __base__=base, **found)
+    return create_model(base.__name__, __base__=base, **definitions)
 
 
 def number(value: object) -> float:
     """Convert a TOML value to a finite number, for validators."""
     try:
-        found = math.nan if isinstance(value, bool) or not isinstance(value, int | float) else float(value)
+        converted = math.nan if isinstance(value, bool) or not isinstance(value, int | float) else float(value)
     except OverflowError:
-        found = math.inf
-    if not math.isfinite(found):
+        converted = math.inf
+    if not math.isfinite(converted):
         raise wrong("config.no_finite_number")
-    return found
+    return converted
 
 
 def quantity(value: object, dimension: str, *, signed: bool) -> float:
     """Convert a quantity to SI and radians, for validators.
 
     `value`: from the file. `dimension`: as in `insnav.units.UNITS`. `signed`: allow negative values.
-    Raises: PydanticCustomError: not such a quantity.
+    Raises: PydanticCustomError: `value` is not a text with a number and a unit of this dimension.
     """
     if not isinstance(value, str):
         raise wrong("config.no_quantity", unit=units_of(dimension)[0], kind=_kind(value))
     if len(value) > MAX_TEXT:
         raise wrong("config.text_too_long", text=value[:20], count=len(value), limit=MAX_TEXT)
     try:
-        found = parse_quantity(value.strip(), dimension)
+        converted = parse_quantity(value.strip(), dimension)
     except ConfigError as error:
         raise _as_pydantic(error) from None
-    if found < 0.0 and not signed:
+    if converted < 0.0 and not signed:
         raise wrong("config.negative", text=value)
-    return found
+    return converted
 
 
 def text(value: ArrayLike, unit: str) -> Any:
-    """Write a quantity in SI, or a list of them, in a unit, for the readers above.
+    """Write a quantity in SI as text in a unit, for `parse_quantity`; each element of a list or matrix separately.
 
     Returns: one text for three equal axes. SI units keep every bit, other units 15 digits.
     """
@@ -247,25 +248,25 @@ def text(value: ArrayLike, unit: str) -> Any:
 
 
 def preset_or_file(given: str, folder: Path, presets: Sequence[str]) -> Path | None:
-    """Return the file of a preset in a folder by name, or a file by path; None if neither exists."""
+    """Find the file of a preset, by its name in `folder`, or another file by its path; None if neither exists."""
     if given in presets:
         return folder / f"{given}.toml"
     path = Path(given)
     try:
         return path if path.exists() else None
-    except (OSError, ValueError):  # for example, a too long name
+    except (OSError, ValueError):  # for example, the name is too long for the file system
         return None
 
 
 def similar(name: str, known: Iterable[str]) -> dict[str, Any]:
-    """Return values for the error of an unknown name: ``close``, a similar known name, else ``known``, all names."""
+    """Return values for the error on an unknown name: ``close``, a similar known name, or else ``known``, all names."""
     known = tuple(known)
     close = difflib.get_close_matches(name, known, n=1)
     return {"close": close[0]} if close else {"known": known}
 
 
 def wrong(code: str, **values: Any) -> PydanticCustomError:
-    """Build the error of a validator."""
+    """Build the exception that a validator raises for an error of insnav."""
     return _as_pydantic(ConfigError(code, **values))
 
 
@@ -302,19 +303,19 @@ def _problem(model: type[Table], details: ErrorDetails) -> ConfigError:
             return ConfigError(
                 "config.list_length" if "actual_length" in context else "config.out_of_range", where=key, **values
             )
-    found = context.get("error")
-    if not isinstance(found, ConfigError):
+    cause = context.get("error")
+    if not isinstance(cause, ConfigError):
         return ConfigError("config.invalid_value", where=key, reason=details["msg"])
-    found.where = key
-    return found
+    cause.where = key
+    return cause
 
 
 def _keys(model: type[BaseModel], path: tuple[int | str, ...]) -> list[str]:
     """List the known keys of the table at `path`."""
     for part in path:
-        if isinstance(part, int):  # a row of a list of tables
+        if isinstance(part, int):  # the number of a table in a list of tables
             continue
         annotation = model.model_fields[str(part)].annotation
-        candidates = (annotation, *getattr(annotation, "__args__", ()))
-        model = next(item for item in candidates if isinstance(item, type) and issubclass(item, BaseModel))
+        types = (annotation, *getattr(annotation, "__args__", ()))
+        model = next(item for item in types if isinstance(item, type) and issubclass(item, BaseModel))
     return list(model.model_fields)

@@ -1,4 +1,4 @@
-"""Deferred imports: libraries loaded on first use, and rarely used imports of a library."""
+"""Deferred imports: libraries loaded on first use, and modules that a library imports but rarely uses."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from typing import Any
 
 
 class _Later(ModuleType):
-    """Placeholder of a module while others are imported."""
+    """Placeholder of a module: calling one of its functions imports the module."""
 
     def __getattr__(self, name: str) -> Callable[..., Any]:
         if name.startswith("__"):
@@ -20,24 +20,24 @@ class _Later(ModuleType):
 
 
 class _Library(ModuleType):
-    """Placeholder of a library until first use."""
+    """Placeholder of a library: reading one of its attributes imports the library."""
 
     def __getattr__(self, name: str) -> Any:
         return getattr(import_module(self.__name__), name)
 
 
 def library(name: str) -> Any:
-    """Import a library, or a module of one, on first use."""
+    """Return a placeholder that imports a library, or a module of a library, on first use."""
     return _Library(name)
 
 
 @contextmanager
 def deferred(*names: str) -> Iterator[None]:
-    """Skip these modules while another module imports them."""
-    later = {name: _Later(name) for name in names if name not in sys.modules}
-    sys.modules.update(later)
+    """Replace the modules `names` by placeholders, so that imports inside the ``with`` block do not load them."""
+    placeholders = {name: _Later(name) for name in names if name not in sys.modules}
+    sys.modules.update(placeholders)
     try:
         yield
     finally:
-        for name in later:
+        for name in placeholders:
             del sys.modules[name]

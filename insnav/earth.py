@@ -1,6 +1,4 @@
-"""Earth: WGS-84 radii, rotation, transport rate, normal gravity; Earth-fixed axes, without a singular latitude.
-
-pymap3d provides geodetic conversions.
+"""Earth: WGS-84 radii, rotation rate, transport rate, normal gravity, and conversions to and from Earth-fixed axes.
 
 References
 ----------
@@ -23,11 +21,11 @@ from insnav.kernels.earth import F as F
 from insnav.types import BoolArray, FloatArray
 
 OMEGA_EARTH = _kernel.OMEGA
-POLE_DISTANCE = 1000.0  # closer to a pole, heading and longitude are meaningless to a user [m]
+POLE_DISTANCE = 1000.0  # closer to a pole [m], heading and longitude are of no use
 
 
 def _elementwise(compiled: Any) -> Any:
-    """Return the source of a compiled elementwise function, or the function itself without compilation."""
+    """Return the Python function of a compiled kernel, which also accepts arrays; unchanged without compilation."""
     return getattr(compiled, "py_func", compiled)
 
 
@@ -46,7 +44,7 @@ def radii(lat: ArrayLike) -> tuple[FloatArray, FloatArray]:
 
 
 def metres_per_unit(lla: ArrayLike) -> FloatArray:
-    """Compute metres per radian of latitude and of longitude, and per metre of height, (..., 3)."""
+    """Compute metres per radian of latitude and longitude, and per metre of height, at `lla`; both are (..., 3)."""
     lat, _, height = np.moveaxis(np.asarray(lla, dtype=float), -1, 0)
     meridian, transverse = radii(lat)
     return np.stack([meridian + height, (transverse + height) * np.cos(lat), np.ones_like(lat)], axis=-1)
@@ -96,7 +94,7 @@ def ned_offset(lla: ArrayLike, origin: ArrayLike) -> FloatArray:
     lla, origin = np.asarray(lla, dtype=float), np.asarray(origin, dtype=float)
     meridian, transverse = radii(origin[..., 0])
     d = lla - origin
-    east = (d[..., 1] + np.pi) % (2 * np.pi) - np.pi  # the short way across the date line
+    east = (d[..., 1] + np.pi) % (2 * np.pi) - np.pi  # in [-pi, pi), also across the date line
     return np.stack(
         [
             d[..., 0] * (meridian + origin[..., 2]),
@@ -108,7 +106,7 @@ def ned_offset(lla: ArrayLike, origin: ArrayLike) -> FloatArray:
 
 
 def lla_offset(origin: ArrayLike, ned: ArrayLike) -> FloatArray:
-    """Position at a small offset; the inverse of `ned_offset`.
+    """Compute the position at a small offset from `origin`; the inverse of `ned_offset`.
 
     `origin` (..., 3): latitude [rad], longitude [rad], height [m]. `ned` (..., 3): offset North, East, Down [m].
     Returns: (..., 3): latitude [rad], longitude [rad] in [-pi, pi), height [m].
@@ -131,9 +129,9 @@ _EP2 = E2 / (1.0 - E2)  # second eccentricity squared [-]
 
 
 def geodetic(x: FloatArray, y: FloatArray, z: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Compute distance from the axis [m], latitude [rad], height [m] (Bowring, Survey Review 28 (1985) 202-206).
+    """Convert Earth-fixed coordinates [m] to distance from the rotation axis [m], latitude [rad] and height [m].
 
-    One step from Bowring's initial value, accurate to 1e-12 rad and 1e-9 m up to 100 km.
+    One step of Bowring's iteration (Survey Review 28 (1985) 202-206), accurate to 1e-12 rad and 1e-9 m up to 100 km.
     """
     p = np.hypot(x, y)
     r = np.hypot(p, z)
@@ -156,17 +154,19 @@ def earth_from_lla(lla: FloatArray) -> FloatArray:
     """Convert latitude, longitude [rad], height [m] to Earth-fixed positions ``(n, 3)`` [m] (Groves, eq. 2.112)."""
     lat, lon, height = components(lla)
     _, transverse = radii(lat)
-    out = (transverse + height) * np.cos(lat)
-    return np.column_stack([out * np.cos(lon), out * np.sin(lon), ((1.0 - E2) * transverse + height) * np.sin(lat)])
+    from_axis = (transverse + height) * np.cos(lat)
+    return np.column_stack(
+        [from_axis * np.cos(lon), from_axis * np.sin(lon), ((1.0 - E2) * transverse + height) * np.sin(lat)]
+    )
 
 
 def quat_earth_from_level(lla: FloatArray) -> FloatArray:
-    """Compute the quaternion ``q_en`` ``(n, 4)`` of North, East, Down at positions [rad] (Groves 2013, eq. 2.150)."""
+    """Compute ``q_en`` (n, 4), from North, East, Down at positions [rad] to Earth-fixed axes (Groves, eq. 2.150)."""
     half_lat, half_lon = 0.5 * lla[:, 0], 0.5 * lla[:, 1]
     zero = np.zeros_like(half_lat)
     about_axis = np.column_stack([np.cos(half_lon), zero, zero, np.sin(half_lon)])
-    tilt = half_lat + 0.25 * np.pi
-    return quat_multiply(about_axis, np.column_stack([np.cos(tilt), zero, -np.sin(tilt), zero]))
+    half_tilt = half_lat + 0.25 * np.pi
+    return quat_multiply(about_axis, np.column_stack([np.cos(half_tilt), zero, -np.sin(half_tilt), zero]))
 
 
 def level_from_earth(lla: FloatArray) -> FloatArray:

@@ -1,7 +1,7 @@
-"""Parallel execution of jobs on processes or a Dask cluster, with results identical and in order.
+"""Parallel execution of jobs in processes or on a Dask cluster, with results in order and identical to serial ones.
 
 joblib distributes the jobs. This module selects the workers, and handles failing jobs and dying processes. Workers are
-processes: much of a run is Python, and the compiled kernels keep the interpreter's lock.
+processes, not threads: much of a run is Python, and the compiled kernels hold the interpreter's lock.
 """
 
 from __future__ import annotations
@@ -30,28 +30,28 @@ J = TypeVar("J")
 T = TypeVar("T")
 Workers = int | str  # number of processes, or an engine: ``processes:4``, ``dask:tcp://10.0.0.1:8786``
 
-IDLE = 10.0  # idle workers end after this [s]
+IDLE = 10.0  # workers without a job end after this time [s]
 _LOOPBACK = "127.0.0.1"
 CONNECT = 10.0  # longest response time of a scheduler and its workers [s]
 _FORM = re.compile(r"processes(?::(?P<count>\d+))?|dask(?::(?P<address>.+))?|(?P<number>\d+)")
 _LEFT_BEHIND = "ignore:resource_tracker:UserWarning"
 _log = logging.getLogger(__name__)
 _STOPS = (signal.SIGINT, signal.SIGTERM)
-_one_at_a_time = threading.RLock()  # jobs in threads of a Dask worker share data: one job at a time
+_one_at_a_time = threading.RLock()  # threads of a Dask worker share data, so only one job runs at a time
 
 
 @dataclass(frozen=True, slots=True)
 class Engine:
-    """Workers of jobs."""
+    """Workers that execute the jobs."""
 
-    processes: int = 1  # on this machine; 1: in this process
+    processes: int = 1  # number of processes on this machine; 1: jobs run in the calling process
     dask: str | None = None  # address of a Dask scheduler; empty: a cluster of local workers; None: no Dask
 
 
 def engine_of(workers: Workers) -> Engine:
     """Parse an engine from a number of processes or a text: ``processes[:N]``, ``dask[:ADDRESS]``.
 
-    Raises: ConfigError: another text, or no process.
+    Raises: ConfigError: another text, a number of processes below 1, or Dask is not installed.
     """
     form = _FORM.fullmatch(str(workers).strip())
     if form is None:
@@ -68,11 +68,11 @@ def engine_of(workers: Workers) -> Engine:
 def each(
     function: Callable[..., T], jobs: Sequence[J], workers: Workers = 1, shared: tuple[Any, ...] = ()
 ) -> Generator[T | InsnavError]:
-    """Yield the outcome of ``function(*shared, job)`` for every job, in order, on any workers.
+    """Run ``function(*shared, job)`` for every job on the workers, and yield the outcomes in the order of the jobs.
 
-    `function`: of a module that the workers can import. `shared`: sent to each of them once.
-    Yields: results; an `InsnavError` if the function raised, or its process died twice. Jobs that were running in a
-    dying process, for example at lack of memory, are repeated one at a time, to find the cause.
+    `function`: of a module that the workers can import. `shared`: arguments that each worker receives once.
+    Yields: results; an `InsnavError` if the function raised, or its process died twice. If a process dies, for example
+    for lack of memory, the unfinished jobs of all workers are repeated. They run one at a time, to find the cause.
     """
     engine = engine_of(workers)
     if engine.dask is None and (engine.processes == 1 or len(jobs) < 2):
@@ -87,7 +87,7 @@ def each(
 
         died = (*died, KilledWorker)
     with _pool(engine, len(jobs), shared) as pool:
-        following = alone_until = last = 0
+        following = alone_until = last = 0  # next job to yield, end of jobs to run alone, last job handed out
 
         def handed(stop: int) -> Iterator[J]:
             nonlocal last
@@ -103,7 +103,7 @@ def each(
                         following += 1
                         yield outcome
             except died as error:
-                if alone:
+                if alone:  # this job ended its process twice
                     following += 1
                     yield InsnavError("engine.process_died", reason=str(error).split(". ")[0])
                 else:
@@ -118,7 +118,7 @@ def every(
     shared: tuple[Any, ...] = (),
     progress: Callable[[float], None] | None = None,
 ) -> Generator[T]:
-    """Yield the result of every job in order; raise the first error. `progress`: called with the completed share."""
+    """Yield the result of every job in order; raise the first error. `progress`: called with the completed fraction."""
     with closing(each(function, jobs, workers, shared)) as outcomes:
         for number, outcome in enumerate(outcomes, start=1):
             if isinstance(outcome, InsnavError):
@@ -134,7 +134,7 @@ def share_of(progress: Callable[[float], None] | None, begin: float, part: float
 
 
 def attempt(function: Callable[..., T], *arguments: Any) -> T | InsnavError:
-    """Return the result of a function, or the error it raises, without its traceback."""
+    """Return the result of a function, or the error that it raises, as an `InsnavError` without traceback."""
     try:
         with _one_at_a_time:
             return function(*arguments)
@@ -152,7 +152,7 @@ Pool = Callable[..., Generator[Any]]
 
 @contextmanager
 def _pool(engine: Engine, jobs: int, shared: tuple[Any, ...]) -> Iterator[Pool]:
-    """Provide the worker pool: called with a function, its first arguments and the jobs, yields results in order."""
+    """Provide a function that runs jobs on workers: it takes a function, its first arguments and jobs."""
     from joblib import Parallel, delayed, parallel_config
 
     def work(config: dict[str, Any], how: dict[str, Any], *call: Any, jobs: Iterator[Any]) -> Generator[Any]:
@@ -160,20 +160,20 @@ def _pool(engine: Engine, jobs: int, shared: tuple[Any, ...]) -> Iterator[Pool]:
         with parallel_config(**config):
             results = Parallel(return_as="generator", **how)(delayed(function)(*first, job) for job in jobs)
             try:
-                for result in results:  # noqa: UP028 - `yield from` would close it, with its warning, before us
+                for result in results:  # noqa: UP028 - `yield from` would close `results`, which warns
                     yield result
             finally:
                 with warnings.catch_warnings():
-                    warnings.simplefilter("ignore")  # unused results are intended
+                    warnings.simplefilter("ignore")  # joblib warns about unused results, which are intended here
                     results.close()
 
     if engine.dask is None:
-        # loky's cleanup process removes the remains of stopped processes, silently with this option
+        # loky's cleanup process warns when it removes files of stopped processes: this option silences the warning
         sys.warnoptions += {_LEFT_BEHIND} - {*sys.warnoptions}
         config = {"backend": "loky", "inner_max_num_threads": 1, "n_jobs": min(engine.processes, jobs)}
         how = {"idle_worker_timeout": IDLE, "initializer": _serve, "initargs": (os.getpid(),)}
         with warnings.catch_warnings():
-            warnings.filterwarnings("ignore", message="A worker stopped")  # its jobs are given to another worker
+            warnings.filterwarnings("ignore", message="A worker stopped")  # another worker receives its jobs
             yield partial(work, config, how)
         return
     with _client(engine, jobs) as client:
@@ -181,7 +181,7 @@ def _pool(engine: Engine, jobs: int, shared: tuple[Any, ...]) -> Iterator[Pool]:
 
 
 def _serve(parent: int) -> None:
-    """Set up a worker: only the first process handles Ctrl-C, and workers end with it."""
+    """Set up a worker process: it ignores Ctrl-C, which its parent process handles, and ends with the parent."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     threading.Thread(target=_end_with, args=(parent,), daemon=True).start()
 
@@ -194,7 +194,7 @@ def dask_setup(worker: object) -> None:
 def _end_with(parent: int) -> None:
     while os.getppid() == parent:
         time.sleep(1.0)
-    os._exit(1)
+    os._exit(1)  # the parent process has ended
 
 
 def _processors() -> int:
@@ -212,7 +212,7 @@ def _need_dask() -> None:
 
 @contextmanager
 def _client(engine: Engine, jobs: int) -> Iterator[Any]:
-    """Connect to the scheduler at an address with workers of this version, or to local workers."""
+    """Connect to the Dask scheduler at the address of the engine, or start a local Dask cluster; yield the client."""
     dask: Any = import_module("dask")
     distributed: Any = import_module("distributed")
     with ExitStack() as stack:
@@ -221,18 +221,18 @@ def _client(engine: Engine, jobs: int) -> Iterator[Any]:
         if engine.dask:
             client = stack.enter_context(_connected(distributed, engine.dask))
         else:
-            how: dict[str, Any] = {"threads_per_worker": 1, "silence_logs": logging.CRITICAL}
-            how |= {"n_workers": min(engine.processes, jobs), "preload": __name__}  # `dask_setup` of this module
-            how |= {"host": _LOOPBACK, "dashboard_address": f"{_LOOPBACK}:0"}  # not visible to other machines
-            how |= {"worker_dashboard_address": f"{_LOOPBACK}:0"}
-            # the first death ends the calculation: this module repeats the job
+            settings: dict[str, Any] = {"threads_per_worker": 1, "silence_logs": logging.CRITICAL}
+            settings |= {"n_workers": min(engine.processes, jobs), "preload": __name__}  # Dask calls `dask_setup`
+            settings |= {"host": _LOOPBACK, "dashboard_address": f"{_LOOPBACK}:0"}  # not visible to other machines
+            settings |= {"worker_dashboard_address": f"{_LOOPBACK}:0"}
+            # Dask stops at the first dead worker and repeats nothing, since `each` repeats the jobs
             stack.enter_context(dask.config.set({"distributed.scheduler.allowed-failures": 0}))
-            client = stack.enter_context(distributed.Client(stack.enter_context(distributed.LocalCluster(**how))))
+            client = stack.enter_context(distributed.Client(stack.enter_context(distributed.LocalCluster(**settings))))
         try:
             yield client
         except (Exception, GeneratorExit):
             raise
-        except BaseException:  # a stop request: close without further requests
+        except BaseException:  # a stop request: ignore further requests while closing
             if threading.current_thread() is threading.main_thread():
                 _handle(dict.fromkeys(_STOPS, signal.SIG_IGN))
             raise
@@ -244,7 +244,7 @@ def _handle(handlers: dict[signal.Signals, Any]) -> None:
 
 
 def _connected(distributed: Any, address: str) -> Any:
-    """Connect to a scheduler that has workers, all of this version of insnav."""
+    """Connect to a scheduler; it must have workers, all with this version of insnav."""
     where = f"--engine dask:{address}"
     try:
         client = distributed.Client(address, timeout=CONNECT)
@@ -264,7 +264,7 @@ def _version() -> str:
 
 
 def _dask_backend(client: Any, shared: tuple[Any, ...]) -> Any:
-    """Build joblib's backend for a client, with shared data as results that the cluster can recompute."""
+    """Build joblib's Dask backend for a client; shared data are Dask results, which the cluster recomputes if lost."""
     from joblib import parallel_config
     from joblib.parallel import get_active_backend
 
@@ -275,7 +275,7 @@ def _dask_backend(client: Any, shared: tuple[Any, ...]) -> Any:
         """Backend that reports dead workers, for which joblib would wait forever, and never works in this process."""
 
         def effective_n_jobs(self, n_jobs: int) -> int:
-            return max(2, int(super().effective_n_jobs(n_jobs)))  # with one, joblib uses this process
+            return max(2, int(super().effective_n_jobs(n_jobs)))  # with one worker, joblib would use this process
 
         def submit(self, func: Any, callback: Any = None) -> Any:
             future = super().submit(func, callback)
@@ -289,7 +289,7 @@ def _dask_backend(client: Any, shared: tuple[Any, ...]) -> Any:
 
     backend = Backend(client=client)
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # large data: sent once, and recomputed if lost
-        made = [client.submit(pickle.loads, pickle.dumps(each), pure=False) for each in shared]
-    backend.data_futures = {id(each): future for each, future in zip(shared, made, strict=True)}
+        warnings.simplefilter("ignore")  # Dask warns about large data, which are sent only once here
+        futures = [client.submit(pickle.loads, pickle.dumps(data), pure=False) for data in shared]
+    backend.data_futures = {id(data): future for data, future in zip(shared, futures, strict=True)}
     return backend

@@ -15,14 +15,14 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from insnav.findings import ErrorFacts
 
-NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)  # full disk, quota or file
-KEYWORDS = {"--out": "folder"}  # options whose Python keyword has another name; `insnav.steps.inputs` adds its own
+NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)  # disk full, quota exceeded, or file too large
+KEYWORDS = {"--out": "folder"}  # options whose Python keyword has another name; `insnav.steps.inputs` adds more
 _COMMAND = re.compile(r"insnav (run|batch|check|align|compare|export|outage|budget|require|simulate|allan|tune) ")
 _OPTION = re.compile(r"--([a-z](?:[a-z-]*[a-z])?)\b")
 
 
 def as_keywords(text: str) -> str:
-    """Replace options by Python keywords in a text; a shell command for copying stays unchanged."""
+    """Replace command-line options by Python keywords in a text; lines with a shell command stay unchanged."""
 
     def keyword(found: re.Match[str]) -> str:
         return KEYWORDS.get(found[0], found[1].replace("-", "_"))
@@ -40,7 +40,7 @@ class InsnavError(Exception):
     where : str
         Place: ``file:row:column``, a configuration key, a time.
     gives : mapping, optional
-        Inputs by name, for `insnav.load`, that the evidence suggests.
+        Arguments of `insnav.load` that the evidence suggests, by name.
     **values
         Values in the message: numbers in SI units and radians, names, tuples of these, and the cause: errors or
         findings.
@@ -64,17 +64,17 @@ class InsnavError(Exception):
 
     @property
     def what(self) -> str:
-        """Fact of the error, understandable without the rest."""
+        """Statement of the error, understandable alone."""
         return self._part("what")
 
     @property
     def why(self) -> str:
-        """Evidence with numbers."""
+        """Evidence for the error, with numbers."""
         return self._part("why")
 
     @property
     def fix(self) -> str:
-        """Advice to the user."""
+        """Advice on how to correct the error."""
         return self._part("fix")
 
     def _part(self, name: str) -> str:
@@ -84,7 +84,7 @@ class InsnavError(Exception):
 
     @property
     def reason(self) -> str:
-        """Fact and evidence in one line."""
+        """Statement and evidence in one line."""
         from insnav.messages import form
 
         return form("joint").join(part for part in (self.what, self.why) if part)
@@ -92,10 +92,10 @@ class InsnavError(Exception):
     def __str__(self) -> str:
         parts = [self.what]
         parts += [f"{label.rstrip()} {text}" for label, text in self.details() if text]
-        return as_keywords("\n".join(parts))  # the command line prints the details
+        return as_keywords("\n".join(parts))  # with Python keywords; the command line uses `details`
 
     def details(self) -> tuple[tuple[str, str], ...]:
-        """Label and text of every part after the first sentence."""
+        """Return label and text of location, evidence, advice and code."""
         from insnav.messages import form
 
         parts = {"where": self.where, "why": self.why, "fix": self.fix, "code": self.code}
@@ -103,7 +103,7 @@ class InsnavError(Exception):
 
     @property
     def facts(self) -> ErrorFacts:
-        """Error as a value of a finding or of another error."""
+        """Code, location and values of the error, for use as a value in a finding or another error."""
         from insnav.findings import ErrorFacts
 
         return ErrorFacts.from_dict({"code": self.code, "where": self.where, "values": self.values})
@@ -118,7 +118,7 @@ class InsnavError(Exception):
         from insnav.findings import ErrorFacts
 
         kinds: tuple[type[InsnavError], ...] = (InsnavError, *InsnavError.__subclasses__())
-        kind = {each.__name__: each for each in kinds}[facts["kind"]]
+        kind = {error_type.__name__: error_type for error_type in kinds}[facts["kind"]]
         return kind(facts["code"], where=facts["where"], **dict(ErrorFacts.from_dict(facts).values))
 
 
@@ -135,13 +135,13 @@ class InputError(InsnavError):
 
 
 class AlignmentError(InsnavError):
-    """Data that do not determine an initial attitude."""
+    """Initial attitude that the data do not determine."""
 
     exit_code = 3
 
 
 class DivergenceError(InsnavError):
-    """Data that make the filter inconsistent, so that it cannot continue."""
+    """Filter that cannot continue, since the data made it inconsistent."""
 
     exit_code = 3
 
@@ -160,7 +160,7 @@ class OutputError(InsnavError):
 
 @contextmanager
 def writing(code: str, where: object, **values: Any) -> Iterator[None]:
-    """Convert operating system errors inside to an `OutputError`. `where`: file or folder."""
+    """Convert operating-system errors in the ``with`` block to an `OutputError`. `where`: file or folder."""
     try:
         yield
     except OSError as error:

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any, Self, TypeAlias
 
 @cache
 def catalogue(lang: str) -> Mapping[str, Any]:
-    """Read the catalogue of a language."""
+    """Read a message catalogue: the file ``messages/<lang>.toml``."""
     return tomllib.loads((Path(__file__).parent / "messages" / f"{lang}.toml").read_text(encoding="utf-8"))
 
 
@@ -31,13 +31,13 @@ class ErrorFacts:
 
     def as_dict(self) -> dict[str, Any]:
         """Convert the error for JSON; a number that is not finite is None."""
-        values = {name: _json_ready(each) for name, each in self.values}
+        values = {name: _json_ready(value) for name, value in self.values}
         return {"code": self.code, "where": self.where, "values": values}
 
     @classmethod
     def from_dict(cls, facts: Mapping[str, Any]) -> Self:
         """Restore an error from JSON."""
-        return cls(facts["code"], facts["where"], tuple((name, _plain(each)) for name, each in facts["values"].items()))
+        return cls(facts["code"], facts["where"], tuple((name, _plain(item)) for name, item in facts["values"].items()))
 
 
 # Number or numbers in SI units and radians, a count, a language-independent name (column, option, unit), or the error
@@ -48,9 +48,9 @@ Value: TypeAlias = float | int | str | tuple[float, ...] | tuple[str, ...] | Err
 class Severity(IntEnum):
     """Severity of a finding, in rising order."""
 
-    NOTE = 0  # detected, and handled
-    ASSUMPTION = 1  # assumed: specified neither by the user nor by the data
-    WARNING = 2  # makes the result worse than stated, or may do so
+    NOTE = 0  # insnav detected and handled the fact
+    ASSUMPTION = 1  # insnav assumed the fact: neither the user nor the data specify it
+    WARNING = 2  # the result may be worse than stated
     UNUSABLE = 3  # the result must not be used
 
 
@@ -63,7 +63,7 @@ class _AnyName(EnumType):
 
 
 class _Coded(StrEnum, metaclass=_AnyName):
-    """Code of a finding with its default severity."""
+    """Code of a finding: a text such as ``gps.frozen``, with the default severity of the finding."""
 
     severity: Severity
 
@@ -94,13 +94,13 @@ else:
 
 
 def of_families(*families: str) -> frozenset[Code]:
-    """Collect the codes of some families: the part before the first dot."""
+    """Collect the codes of families; the family is the part of a code before the first dot."""
     return frozenset(code for code in Code if code.partition(".")[0] in families)
 
 
-# Changes of the IMU and of the delay: wrong IMU axes resemble them.
+# Changes of the IMU or of the GPS delay within a drive; wrong IMU axes can cause them, too.
 OF_THE_IMU = of_families("change")
-# Fixes and IMU disagree, with unknown cause.
+# Fixes, IMU and given inputs contradict each other.
 CONTRADICTIONS = of_families("change", "given", "noise", "record")
 # Fixes that a receiver or logger repeats or extrapolates.
 NOT_MEASURED = frozenset({Code.GPS_FROZEN, Code.GPS_FROZEN_VELOCITY, Code.GPS_EXTRAPOLATED})
@@ -112,26 +112,26 @@ CORRELATED_POSITIONS = frozenset(
         Code.ESTIMATE_CORRELATED_USUAL,
     }
 )
-# Fixes came without a standard deviation of their position.
+# Position standard deviations that insnav assumed, since the fixes have none.
 ASSUMED_POSITION_SD = frozenset(
     {Code.GPS_POSITION_SD_SCATTER, Code.GPS_POSITION_SD_FIX_TYPE, Code.GPS_POSITION_SD_STAND_ALONE}
 )
 # Corrections of clocks and velocities; the short form of a run lists these.
 CORRECTIONS = frozenset({Code.GPS_VELOCITY_LAG, Code.IMU_CLOCK_RATE})
-# How an IMU error specification was chosen.
+# Choices of an IMU error specification.
 MODEL_CHOICES = of_families("imu_model") - {Code.IMU_MODEL_KEPT}
-# Findings on the data and the whole run, never events.
+# Findings on the files or on a whole run, which are no events.
 OF_RESULTS = of_families("files", "imu_model", "run")
-# Findings on single rows and fixes: ``events.csv`` lists them, pages show their consequences.
+# Findings on single rows and fixes: ``events.csv`` lists them, pages show only their consequences.
 SINGLE = of_families("deweighted", "gate", "rows") | {Code.IMU_SPIKE, Code.GPS_OUTSIDE, Code.FILTER_REPAIR}
-# One warning of a run summarises all findings of such a code.
+# Codes of which one warning summarises all findings of a run.
 _LOST = frozenset({Code.IMU_SATURATED, Code.IMU_LIMITED, Code.IMU_STUCK, Code.IMU_FROZEN, Code.ROWS_GAP})
 SUMMED = _LOST | {Code.FILTER_RESET, Code.FILTER_DIVERGED}
 
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """Detected fact.
+    """Fact that insnav detected.
 
     Attributes
     ----------
@@ -195,7 +195,7 @@ class Finding:
 
     @classmethod
     def from_dict(cls, facts: Mapping[str, Any] | str) -> Self:
-        """Restore a finding from JSON; an unknown code, or a text of 0.2, becomes a stored text."""
+        """Restore a finding from JSON; an unknown code, or a text of version 0.2, becomes ``Code.STORED_TEXT``."""
         if isinstance(facts, str):
             return cls.of(Code.STORED_TEXT, text=facts)
         code, severity = str(facts["code"]), str(facts.get("severity", "warning")).upper()
@@ -224,24 +224,24 @@ class Finding:
 
     @property
     def value(self) -> float:
-        """Decisive number: the first value; ``NaN`` without values."""
+        """Decisive number: the first number among the values; ``NaN`` without numbers."""
         return self.measured[1]
 
     @property
     def measured(self) -> tuple[str, float]:
-        """Name of this number, with its unit, and the number; ``""`` and ``NaN`` without values."""
+        """Name of the decisive number, with its unit, and the number; ``""`` and ``NaN`` without numbers."""
         return next(((name, float(value)) for name, value in self._numbers() if name[:5] != "limit"), ("", math.nan))
 
     @property
     def limit(self) -> float:
-        """Limit of this number; ``NaN`` without one."""
+        """Limit of the decisive number; ``NaN`` without a limit."""
         return next((float(value) for name, value in self._numbers() if name.startswith("limit")), math.nan)
 
     def _numbers(self) -> Iterator[tuple[str, float]]:
         return ((name, value) for name, value in self.values if isinstance(value, int | float))
 
     def later(self, offset: float) -> Finding:
-        """Return the finding on a clock ahead by `offset` [s]."""
+        """Return the finding with its times increased by `offset` [s]."""
         return replace(self, begin=self.begin + offset, end=self.end + offset) if self.timed else self
 
     @property
@@ -257,13 +257,13 @@ def added(before: Iterable[Finding], after: Iterable[Finding]) -> tuple[Finding,
 
 
 def of_code(findings: Iterable[Finding], *codes: Code) -> Iterator[Finding]:
-    """Yield the findings with one of some codes."""
-    return (each for each in findings if each.code in codes)
+    """Yield the findings that have one of `codes`."""
+    return (finding for finding in findings if finding.code in codes)
 
 
 def is_shown(finding: Finding) -> bool:
     """Return whether a page shows a finding; ``events.csv`` lists the others."""
-    # version 0.2 stored a text with each event
+    # every event of version 0.2 has a stored text
     single = finding.code in SINGLE or finding.get("text") is not None
     return finding.code not in SUMMED and not (finding.timed and single and finding.severity is Severity.NOTE)
 
@@ -277,7 +277,7 @@ def _json_ready(value: Any) -> Any:
     if isinstance(value, Finding | ErrorFacts):
         return value.as_dict()
     if isinstance(value, tuple):
-        return [_json_ready(each) for each in value]
+        return [_json_ready(item) for item in value]
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
@@ -287,7 +287,7 @@ def _plain(value: Any) -> Any:
         return value
     if isinstance(value, Mapping) and "code" in value:
         return (Finding if "severity" in value else ErrorFacts).from_dict(value)
-    if hasattr(value, "facts"):  # an error
+    if hasattr(value, "facts"):  # `value` is an `InsnavError`
         return value.facts
     if hasattr(value, "tolist"):
         value = value.tolist()

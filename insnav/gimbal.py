@@ -1,8 +1,8 @@
 """North-pointing gimballed platform: velocity, position and torquing rates from specific force along its axes.
 
 Torquing its gyros at the computed rate of North, East, Down in inertial space keeps the platform level and
-north-pointing. Its accelerometers thus measure along North, East, Down, without any rotation of vectors. An error of
-its axes causes an error of velocity and position, which feeds back to the axes: the Schuler oscillation.
+north-pointing. Its accelerometers thus measure along North, East, Down, and no vector needs to be rotated. A tilt of
+the platform causes velocity and position errors, which change the torquing rate and the tilt: a Schuler oscillation.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ class PlatformErrors:
 
     # (3,) initial rotation from the true North, East, Down to the platform's axes [rad]
     tilt: FloatArray = field(default_factory=lambda: np.zeros(3))
-    # (3,) rotation rate in addition to the command [rad/s]. A gyro bias of b makes the servo rotate the platform by -b.
+    # (3,) rotation rate beyond the commanded rate [rad/s]; a gyro bias of b makes the servo rotate the platform at -b
     drift: FloatArray = field(default_factory=lambda: np.zeros(3))
     bias: FloatArray = field(default_factory=lambda: np.zeros(3))  # (3,) accelerometer bias [m/s^2]
 
@@ -71,9 +71,9 @@ def navigate_platform(
     """Integrate the specific force measured on a north-pointing platform.
 
     `time` (n,): of the samples [s], strictly increasing; each step has its own length. `f_n` (n, 3): specific force
-    North, East, Down at these instants [m/s^2]. Without vertical channel Down may be ``NaN`` throughout: initial
-    gravity replaces it. `lla`, `v_n` (3,): initial latitude, longitude [rad], height [m] and velocity North, East, Down
-    [m/s].
+    North, East, Down at these instants [m/s^2]. Without vertical channel, Down may be ``NaN`` throughout: gravity at
+    the start replaces it. `lla` (3,): initial latitude, longitude [rad], height [m]. `v_n` (3,): initial velocity
+    North, East, Down [m/s].
 
     `integrator`: ``forward`` uses the rates at the start of each step (Euler), ``backward`` the rates at its end,
     ``mean`` the mean of both. ``fourth`` is the classical fourth-order Runge-Kutta method. It needs the specific force
@@ -83,9 +83,9 @@ def navigate_platform(
     e-folding time of 570 s. ``damped``: controlled to `height` (n,) [m] by a third-order loop with three equal time
     constants of `DAMPING_TIME`, ``k1 = 3/T, k2 = 3/T^2 + 2 g/R, k3 = 1/T^3``.
 
-    `errors`: of the platform; the samples are without platform errors. `gravity`: constant magnitude, straight down
-    [m/s^2]. By default normal gravity, which has a north component above the ellipsoid (7 m in ten minutes at a height
-    of 5 km). `every`: decimation of the returned samples, from the first on.
+    `errors`: of the platform, to simulate; `f_n` contains no platform errors. `gravity`: constant magnitude, straight
+    down [m/s^2]. By default normal gravity, which has a north component above the ellipsoid (7 m in ten minutes at a
+    height of 5 km). `every`: decimation of the returned samples, from the first on.
 
     Raises: ConfigError: the start is within 6 km of a pole, or the tilt beyond 10 deg. The damping height is missing or
     unnecessary, or there is a vertical velocity without a vertical channel. InputError: too few samples, times that do
@@ -94,8 +94,8 @@ def navigate_platform(
 
     Notes
     -----
-    A fourth-order method could also step over two samples, with the one between as the middle. The polynomial is 16
-    times more accurate on smooth motion in tests, gives every sample, and accepts uneven steps.
+    A fourth-order method could instead use steps of two samples, with the sample between them as the middle. In tests
+    on smooth motion, the polynomial is 16 times more accurate. It also gives every sample, and accepts uneven steps.
 
     References
     ----------
@@ -113,20 +113,20 @@ def navigate_platform(
     mid = np.empty((len(time) - 1, 4))
     _kernel.midpoints(time, samples, mid)
     start = np.concatenate([lla, v_n, [0.0]])
-    y = np.concatenate([start, start, quat_from_rotvec(errors.tilt)])
+    state = np.concatenate([start, start, quat_from_rotvec(errors.tilt)])
     out = np.empty((1 + (len(time) - 1) // every, _kernel.STATES))
     channel = _VERTICAL[vertical], np.append(damping_gains(lla), np.nan if gravity is None else gravity)
     disturbance = errors.any, np.concatenate([errors.drift, errors.bias])
-    done = _kernel.navigate(_METHOD[integrator], time, samples, mid, *channel, *disturbance, y, every, out)
-    if done < len(time) - 1:
-        raise _left(time[done], y, vertical, errors.any)
-    at = time[::every]
-    unknown = np.full((len(at), 3), np.nan)
+    steps = _kernel.navigate(_METHOD[integrator], time, samples, mid, *channel, *disturbance, state, every, out)
+    if steps < len(time) - 1:
+        raise _left(time[steps], state, vertical, errors.any)
+    times = time[::every]
+    unknown = np.full((len(times), 3), np.nan)
     first = _kernel.COMPUTED
-    undisturbed = Trajectory(at, out[:, :3], out[:, 3:6], unknown)
+    undisturbed = Trajectory(times, out[:, :3], out[:, 3:6], unknown)
     if not errors.any:
-        return PlatformRun(integrator, vertical, undisturbed, undisturbed, np.zeros((len(at), 3)))
-    solution = Trajectory(at, out[:, first : first + 3], out[:, first + 3 : first + 6], unknown)
+        return PlatformRun(integrator, vertical, undisturbed, undisturbed, np.zeros((len(times), 3)))
+    solution = Trajectory(times, out[:, first : first + 3], out[:, first + 3 : first + 6], unknown)
     return PlatformRun(integrator, vertical, solution, undisturbed, rotvec_from_quat(out[:, _kernel.TURN :]))
 
 
@@ -147,15 +147,15 @@ def damping_gains(lla: FloatArray) -> FloatArray:
     acceleration obey ``s^3 + k1 s^2 + (k2 - 2 g/R) s + k3 = 0``, equal to ``(s + 1/T)^3``.
     """
     rate = 1.0 / DAMPING_TIME
-    mean = float(np.sqrt(np.prod(radii(lla[0]))))
-    return np.array([3.0 * rate, 3.0 * rate**2 + 2.0 * gravity_n(lla[0], lla[2])[2] / mean, rate**3])
+    radius = float(np.sqrt(np.prod(radii(lla[0]))))
+    return np.array([3.0 * rate, 3.0 * rate**2 + 2.0 * gravity_n(lla[0], lla[2])[2] / radius, rate**3])
 
 
 def integral(time: FloatArray, values: FloatArray, integrator: Integrator) -> FloatArray:
     """Integrate a sampled function by the quadrature rule of a platform integrator.
 
-    `time`, `values` (n,): times [s] and values. `integrator`: rectangle rule with the initial or final value, trapezoid
-    rule, Simpson's rule with the polynomial's middle.
+    `time`, `values` (n,): times [s] and values. `integrator`: rectangle rule with the initial (``forward``) or final
+    value (``backward``), trapezoid rule (``mean``), or Simpson's rule with an interpolated midpoint (``fourth``).
     Returns: (n,): integral from the first time on.
     """
     time = np.ascontiguousarray(time, dtype=float)
@@ -193,7 +193,7 @@ def _refuse_samples(time: FloatArray, samples: FloatArray) -> None:
 
 
 def _left(time: float, y: FloatArray, vertical: Vertical, disturbed: bool) -> DivergenceError:
-    """Build the error for a solution outside its validity."""
+    """Build the error for a solution that left the allowed heights or latitudes."""
     where = f"t = {time:.3f} s"
     for first in (0, _kernel.COMPUTED):
         if not abs(y[first + 2]) < _kernel.HIGHEST:
@@ -202,7 +202,7 @@ def _left(time: float, y: FloatArray, vertical: Vertical, disturbed: bool) -> Di
                 where=where,
                 height_m=float(y[first + 2]),
             )
-    # the state farther north or south caused the stop
+    # of the solutions without and with errors, the one nearer to a pole stopped the integration
     lat = max((y[0], y[_kernel.COMPUTED]) if disturbed else (y[0],), key=abs)
     return DivergenceError(
         "platform.near_pole_with_errors" if disturbed else "platform.near_pole", where=where, lat_rad=float(lat)

@@ -7,31 +7,31 @@ import textwrap
 import unicodedata
 from typing import Any
 
-NOT_UTF8 = "backslashreplace"  # error handler for bytes of a file name that are not UTF-8: JSON restores them
+NOT_UTF8 = "backslashreplace"  # error handler: file names that are not UTF-8 get escapes, which JSON restores
 _ESCAPE = re.compile(
     r"\x1b\[[0-?]*[ -/]*[@-~]"  # CSI: colours, cursor
     r"|\x1b[\]PX^_].*?(?:\x07|\x1b\\|$)"  # OSC and other strings: titles, links
     r"|\x1b[ -/]*[0-~]"  # two-character sequences
 )
-_LARGE = re.compile(r"\b\d(?:\.\d+)?e\+\d\d\b")
-_FORMULA = ("=", "+", "-", "@", "\t", "\r")
+_LARGE = re.compile(r"\b\d(?:\.\d+)?e\+\d\d\b")  # number with a positive exponent
+_FORMULA = ("=", "+", "-", "@", "\t", "\r")  # first characters of a formula in spreadsheets
 
 
 class Name(str):
-    """Name that the user chose: no language translates it."""
+    """Name that the user chose: it is never translated."""
 
     __slots__ = ()
 
 
 def plain_text(text: object) -> str:
     """Reduce a text to one line without terminal escape codes, control or direction-override characters."""
-    kept = _ESCAPE.sub("", str(text).encode("utf-8", NOT_UTF8).decode())
-    spaced = "".join(" " if c in "\t\n\r\v\f\x85\u2028\u2029" else c for c in kept)
-    return "".join(c for c in spaced if unicodedata.category(c) not in ("Cc", "Cf"))
+    without_escapes = _ESCAPE.sub("", str(text).encode("utf-8", NOT_UTF8).decode())
+    one_line = "".join(" " if c in "\t\n\r\v\f\x85\u2028\u2029" else c for c in without_escapes)
+    return "".join(c for c in one_line if unicodedata.category(c) not in ("Cc", "Cf"))
 
 
 def cell_text(text: object) -> str:
-    """Protect a table cell from formula interpretation by spreadsheets: an apostrophe precedes such a start."""
+    """Write a text for a table cell; an apostrophe in front keeps spreadsheets from reading it as a formula."""
     plain = plain_text(text)
     dangerous = str(text).startswith(_FORMULA) or plain.lstrip().startswith(_FORMULA)
     return "'" + plain if dangerous else plain
@@ -55,7 +55,7 @@ def moment(start: float, stop: float | None = None, until: str = "to") -> str:
 def wrapped(text: str, width: int, **how: Any) -> list[str]:
     """Wrap a text to a terminal width, where a Chinese character takes two columns; see `textwrap`."""
     padded = in_columns(text)
-    if padded != text:  # a row may end between any two of them
+    if padded != text:  # a line may end between any two Chinese characters
         how, width = how | {"break_long_words": True}, width - 1
     return [row.replace("\0", "") for row in textwrap.wrap(padded, width, **how)]
 

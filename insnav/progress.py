@@ -1,4 +1,4 @@
-"""Progress of the work: stage, fraction and remaining time, announced by the work, displayed by its caller."""
+"""Progress of a computation: stage, fraction and remaining time. The computation reports, its caller displays."""
 
 from __future__ import annotations
 
@@ -17,26 +17,26 @@ from insnav.messages import phrase, word
 P = ParamSpec("P")
 T = TypeVar("T")
 DELAY, REDRAWN = 1.0, 0.2  # before the first display, and between displays [s]
-_shown: list[Stages] = []  # the last one displays announcements
+_shown: list[Stages] = []  # active displays; the last one receives announcements
 
 
 def announce(name: str) -> None:
-    """Announce the next stage of the work to the display, if any."""
+    """Announce the next stage of the computation to the active display, if any."""
     for stage in _shown[-1:]:
         stage(name)
 
 
 class Stages:
-    """Stages of the work, as a line passed to `show` after each of `waits` [s], and empty at the end.
+    """Display of the stages of a computation.
 
-    Use it as a context manager. Call it with a name at the start of each stage, and with `fraction` if the stage knows
-    its progress.
+    A timer passes the current line to `show` after each of the delays `waits` [s]; at the end `show` gets an empty
+    line. Use it as a context manager. Call it with a name at the start of a stage, and with `fraction` for progress.
     """
 
     def __init__(self, show: Callable[[str], object], waits: Iterable[float]) -> None:
         self._show, self._waits = show, iter(waits)
         self._begin, self._name, self._total = time.monotonic(), "computing", 0
-        self._reports: list[tuple[float, float]] = []  # of this stage: time of the report [s], fraction done
+        self._reports: list[tuple[float, float]] = []  # reports of this stage: time [s], fraction done
         self._working, self._lock = True, threading.Lock()
 
     def __enter__(self) -> Self:
@@ -51,7 +51,7 @@ class Stages:
             self._show("")
 
     def _wait(self) -> None:
-        for wait in itertools.islice(self._waits, 1):
+        for wait in itertools.islice(self._waits, 1):  # the next delay, if any
             timer = threading.Timer(wait, self._tick)
             timer.daemon = True
             timer.start()
@@ -63,7 +63,7 @@ class Stages:
                 self._wait()
 
     def __call__(self, name: str, fraction: float | None = None, total: int = 0) -> None:
-        """Begin a stage, or report its fraction, optionally with the total count."""
+        """Begin the stage `name`, or report the fraction done of it; `total`: number of items in the stage, if any."""
         with self._lock:
             if name != self._name or (fraction is not None and self._reports and fraction < self._reports[-1][1]):
                 self._reports = []
@@ -71,31 +71,31 @@ class Stages:
             self._reports += [] if fraction is None else [(time.monotonic(), fraction)]
 
     def advance(self, fraction: float) -> None:
-        """Report the fraction of the stage."""
+        """Report the fraction done of the current stage."""
         self(self._name, fraction, self._total)
 
     def line(self) -> str:
-        """Compose stage and elapsed time, with fraction and remaining time if known."""
+        """Write stage and elapsed time, with fraction done and remaining time if known."""
         now, share = time.monotonic(), self._reports[-1][1] if self._reports else math.nan
         count = f" {round(share * self._total)}/{self._total}" if self._total and self._reports else ""
-        how = {"share": share, "time_s": now - self._begin, "left_s": self._left(now)}
-        return phrase("terminal.so_far", stage=word(self._name) + count, **how)
+        values = {"share": share, "time_s": now - self._begin, "left_s": self._left(now)}
+        return phrase("terminal.so_far", stage=word(self._name) + count, **values)
 
     def _left(self, now: float) -> float:
-        """Estimate the remaining time from the speed in the later half of the stage [s]; NaN before two reports.
+        """Estimate the remaining time [s] from the speed in the later half of the stage; NaN before two reports.
 
         The mean speed would be too optimistic after a fast beginning.
         """
         if not self._reports:
             return math.nan
-        half = 0.5 * (self._reports[0][0] + now)
-        (begin, share), (last, done) = max(each for each in self._reports if each[0] <= half), self._reports[-1]
-        left = (1.0 - done) * (last - begin) / (done - share) - (now - last) if done > share else math.nan
-        return left if left > 0.0 else math.nan
+        middle = 0.5 * (self._reports[0][0] + now)  # time halfway through the stage so far
+        (begin, share), (last, done) = max(report for report in self._reports if report[0] <= middle), self._reports[-1]
+        remaining = (1.0 - done) * (last - begin) / (done - share) - (now - last) if done > share else math.nan
+        return remaining if remaining > 0.0 else math.nan
 
 
 def in_notebook(method: Callable[P, T]) -> Callable[P, T]:
-    """Display the progress of a method with a `progress` argument, if a notebook calls it without."""
+    """Decorate a method: if a notebook calls it without its `progress` argument, its progress is displayed."""
 
     @functools.wraps(method)
     def shown(*args: P.args, **kwargs: P.kwargs) -> T:

@@ -1,4 +1,4 @@
-"""Figure of a result: value, unit, uncertainty and meaning, defined once for text, page and JSON."""
+"""Quantity of a result: value, unit, uncertainty and label, defined once for text, page and JSON."""
 
 from __future__ import annotations
 
@@ -16,25 +16,25 @@ _One: TypeAlias = "float | int | bool | str | FloatArray | Sequence[float] | Seq
 Value: TypeAlias = "_One | Mapping[str, _One]"
 
 
-ABBREVIATIONS = re.compile(r"\b(cdf|cep|dop|gnss|gps|imu|nees|nhc|nis|ned|rms|zaru|zupt)\b")  # in labels
+ABBREVIATIONS = re.compile(r"\b(cdf|cep|dop|gnss|gps|imu|nees|nhc|nis|ned|rms|zaru|zupt)\b")  # capitals in labels
 
 
 @dataclass(frozen=True, slots=True)
 class Quantity:
-    """Figure of a result."""
+    """Quantity of a result, with unit and uncertainty."""
 
     key: str  # name in JSON without its unit, such as ``gyro_bias``; the unit is appended
-    # in SI; None if unknown. A mapping has several figures of the same thing, such as ``rms`` and ``max``; each is a
+    # in SI; None if unknown. A mapping has several statistics of the quantity, such as ``rms`` and ``max``, each for a
     # table column.
     value: Value
-    # display unit: of `insnav.units`, another without factor to SI (``V/(deg/s)``), or none
+    # display unit: of `insnav.units`, or another unit, in which `value` then is (``V/(deg/s)``); empty without unit
     unit: str = ""
     sd: Value = None  # one standard deviation, in SI
     interval: tuple[float, float] | None = None  # 95 % interval, in SI
-    meaning: str = ""  # label in text; the key in words if empty
+    meaning: str = ""  # label in text; if empty, the key in words
     digits: int = 3  # significant digits in text, unless `sd` determines them
     mark: str = ""  # appended to the value in text: ``!`` if it exceeds a limit
-    # fixed decimals in text, for values from an arbitrary zero: times, latitudes
+    # number of decimals in text, instead of `digits`, for values counted from an arbitrary zero: times, latitudes
     decimals: int | None = None
 
     @property
@@ -79,14 +79,14 @@ _SUFFIXES = {key_suffix(unit): unit for unit in UNITS}
 
 
 def quantity_of(key: str, value: Any) -> Quantity:
-    """Build a quantity from a key with its unit, such as ``gyro_bias_deg_h``, and its value in that unit.
+    """Build a quantity from a key that ends in the unit, such as ``gyro_bias_deg_h``, and the value in this unit.
 
     Examples
     --------
     >>> quantity_of("speed_m_s", 2.0).facts()
     {'speed_m_s': 2.0}
     """
-    suffix = max((each for each in _SUFFIXES if each and key.endswith(each)), key=len, default="")
+    suffix = max((ending for ending in _SUFFIXES if ending and key.endswith(ending)), key=len, default="")
     unit = _SUFFIXES[suffix] if suffix else ""
     factor = _factor(unit)
     return Quantity(
@@ -103,7 +103,7 @@ def _mapped(value: Any, function: Callable[[Any], Any]) -> Any:
     if value is None or isinstance(value, str | bool):
         return value
     if isinstance(value, Mapping):
-        return {name: _mapped(each, function) for name, each in value.items()}
+        return {name: _mapped(item, function) for name, item in value.items()}
     if isinstance(value, float | int):
         return function(value)
     if len(value) and isinstance(value[0], str):

@@ -1,7 +1,7 @@
 """Results of commands and of the methods of `insnav.session.drive.Drive`: one class for all.
 
 A result contains the outcome, its inputs and its options. ``insnav.report.<kind>`` provides its page, tables and
-figures, and is imported on use.
+figures, and is imported on first use.
 """
 
 from __future__ import annotations
@@ -27,22 +27,22 @@ if TYPE_CHECKING:
     from insnav.report.page import Page
 
 F = TypeVar("F")
-# by name: reports import results, so results import reports late
+# modules imported on first use: they import this module, so it cannot import them at once
 _save, _html, _run = (library(f"insnav.report.{name}") for name in ("save", "html", "run.page"))
 
 
 @dataclass(frozen=True, slots=True)
 class StepRecord:
-    """Step from a recording to a result; see `insnav.steps`."""
+    """Record of one processing step from a recording to a result; see `insnav.steps`."""
 
     name: str
-    findings: tuple[Finding, ...]  # its findings
+    findings: tuple[Finding, ...]  # findings of the step
     time_s: float  # computing time, wall clock [s]
 
 
 @dataclass(frozen=True)
 class Result(Generic[F]):
-    """Result with its data and options.
+    """Result of a command or method, with its inputs and options.
 
     Attributes
     ----------
@@ -61,7 +61,7 @@ class Result(Generic[F]):
     steps : tuple of StepRecord
         Executed steps, in order; empty for a result read from a folder.
     explanation : insnav.explain.explanation.Explanation or None
-        Faults of the record and alternatives considered; None without a search.
+        Faults found in the record, and alternatives considered; None if insnav did not search for faults.
     """
 
     kind: str
@@ -84,7 +84,7 @@ class Result(Generic[F]):
         raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")
 
     def page(self) -> Page:
-        """Lay out the result: sections of quantities and figures.
+        """Build the page of the result: sections of quantities and figures.
 
         Returns
         -------
@@ -96,12 +96,12 @@ class Result(Generic[F]):
 
     @cached_property
     def _pages(self) -> dict[str, Page]:
-        """Pages that are laid out, by language."""
+        """Pages built so far, by language."""
         return {}
 
     @property
     def laid_out(self) -> Page | None:
-        """Page, if already laid out."""
+        """Page in the current language, or None if it is not built yet."""
         return self._pages.get(language())
 
     def save(
@@ -117,18 +117,18 @@ class Result(Generic[F]):
         Parameters
         ----------
         folder : str or Path
-            The folder to make; it appears only when it is complete.
+            Folder to create; it appears only when it is complete.
         force : bool
             Replace an existing result of insnav.
         figures : {"page", "png", "svg", "none"}
-            Files of figures for papers besides the page; page writes those only that the page itself embeds, none
-            leaves out the page too.
+            Files of figures: ``png`` and ``svg`` write all figures in this format, for papers. ``page`` writes only
+            figures that the page embeds. ``none`` writes neither figures nor page.
         table_format : {"csv", "parquet"}
 
         Returns
         -------
         Path
-            The finished folder.
+            Path of the finished folder.
 
         Raises
         ------
@@ -144,7 +144,7 @@ class Result(Generic[F]):
         Parameters
         ----------
         name : str
-            Such as ``position_error`` or ``track``; by default the first figure.
+            Name of the figure, such as ``position_error`` or ``track``; by default the first figure.
 
         Returns
         -------
@@ -153,16 +153,16 @@ class Result(Generic[F]):
         Raises
         ------
         ConfigError
-            The result has no figure of this name; the message lists those it has.
+            The result has no figure of this name; the message lists the known names.
         """
         return cast("Figure", _save.figure(self, name))
 
     @property
     def accuracy(self) -> dict[str, dict[str, float]]:
-        """Figures of merit of a run by solution, the better one first, such as ``accuracy["smoothed"]["heading_deg"]``.
+        """Figures of merit of a run by solution, the best first, such as ``accuracy["smoothed"]["heading_deg"]``.
 
         They are RMS errors against the reference. Without a reference they are stated standard deviations, with ``sd_``
-        before the name. Other results have none.
+        before the name. Empty for other kinds of result.
         """
         return cast("dict[str, dict[str, float]]", _run.accuracy(self.found) if self.kind == "run" else {})
 
@@ -172,25 +172,25 @@ class Result(Generic[F]):
         Parameters
         ----------
         solution : {"best", "smoothed", "filtered"}
-            Of a run; best is smoothed if available. Other results have one table.
+            Solution of a run; ``best`` is smoothed if available. Other kinds of result have one table, ``best``.
 
         Returns
         -------
         pandas.DataFrame
-            Of a run, one row an epoch: ``time_s``, ``lat_deg``, ``lon_deg``, ``height_m``, ``vn_m_s``, ``ve_m_s``,
+            For a run, one row per epoch: ``time_s``, ``lat_deg``, ``lon_deg``, ``height_m``, ``vn_m_s``, ``ve_m_s``,
             ``vd_m_s``, ``roll_deg``, ``pitch_deg``, ``heading_deg`` and their standard deviations ``sd_n_m``,
             ``sd_e_m``, ``sd_d_m``, ``sd_vn_m_s``, ``sd_ve_m_s``, ``sd_vd_m_s``, ``sd_roll_deg``, ``sd_pitch_deg``,
-            ``sd_heading_deg``. Of other results, the rows of their main table.
+            ``sd_heading_deg``. For other kinds of result, the main table.
 
         Raises
         ------
         ConfigError
-            The result has no such solution.
+            The result does not have this solution.
         """
         return cast("pd.DataFrame", _save.frame(self, solution))
 
     def summary(self) -> str:
-        """Return the result as text: a run in short, others as by ``-v``, with keywords instead of options.
+        """Return the result as text: a run in short form, other kinds in full, with keywords instead of options.
 
         Returns
         -------
@@ -219,6 +219,6 @@ def open_result(folder: str | Path) -> Result[Any]:
     Raises
     ------
     InputError
-        Not such a folder, damaged, or of another version.
+        The folder is not a result, is damaged, or is of another version.
     """
     return cast("Result[Any]", _save.open_folder(Path(folder)))

@@ -1,7 +1,7 @@
-"""Arrays of long drives: large ones are in a temporary file, and memory contains only the parts in use.
+"""Arrays of long drives: large arrays are in temporary files, and memory contains only the parts in use.
 
-The file is unnamed and disappears with the last use of the array, however the program ends. Blocks of rows are sized
-for speed, with results identical to the whole.
+Each file is unnamed and disappears with the last use of its array, however the program ends. Functions process blocks
+of rows, sized for speed. Results are identical to one computation on all rows.
 """
 
 from __future__ import annotations
@@ -22,16 +22,16 @@ from numpy.typing import NDArray
 
 from insnav.exceptions import NO_ROOM, OutputError, reason_of
 
-LARGE = 64 << 20  # bytes in memory of all arrays that are not small; others are in files
+LARGE = 64 << 20  # bytes in memory of all arrays larger than `SMALL`; further arrays are in files
 SMALL = 1 << 20  # bytes; smaller arrays are always in memory
-ROWS = 1 << 16  # of a block
-_mapped: weakref.WeakSet[mmap.mmap] = weakref.WeakSet()
-_read = 0.0  # rows since memory was released
-_held: dict[int, int] = {}  # bytes of arrays in memory that are not small
+ROWS = 1 << 16  # rows per block
+_mapped: weakref.WeakSet[mmap.mmap] = weakref.WeakSet()  # mapped files in use
+_read = 0.0  # rows read since memory was last released
+_held: dict[int, int] = {}  # bytes of each array in memory larger than `SMALL`, by its id
 
 
 def empty(shape: Sequence[int], dtype: Any = np.float64) -> NDArray[Any]:
-    """Allocate an array; in a file if others already fill the memory.
+    """Allocate an uninitialised array, in a file if the arrays in memory would exceed `LARGE`.
 
     Raises: OutputError: the disk is too full for the file.
     """
@@ -55,14 +55,14 @@ def empty(shape: Sequence[int], dtype: Any = np.float64) -> NDArray[Any]:
 
 @cache
 def _give_back() -> None:
-    """Release freed arrays immediately from now on: glibc keeps those up to 32 MB, half of a day's arrays."""
+    """Make glibc return freed arrays to the system at once: it keeps sizes up to 32 MB, half of a day's arrays."""
     if sys.platform == "linux" and hasattr(libc := ctypes.CDLL(None), "mallopt"):
         libc.mallopt(-3, 4 << 20)  # M_MMAP_THRESHOLD: larger arrays have their own maps
         libc.mallopt(-1, 64 << 20)  # M_TRIM_THRESHOLD
 
 
 def trim() -> None:
-    """Return the memory of freed arrays to the system: glibc keeps those below 32 MB."""
+    """Return the memory of freed arrays to the system now: glibc keeps arrays below 32 MB."""
     if sys.platform == "linux" and hasattr(libc := ctypes.CDLL(None), "malloc_trim"):
         libc.malloc_trim(0)
 
@@ -88,20 +88,20 @@ def together(pieces: Iterable[bytes]) -> bytes | mmap.mmap:
 
 
 def _no_room(error: OSError, size: int) -> OSError | OutputError:
-    """Build the error for a file of `size` bytes that could not be written."""
+    """Build the error for a file of `size` bytes that does not fit on the disk; return other errors unchanged."""
     if error.errno not in NO_ROOM:
         return error
     return OutputError("engine.no_room", where=tempfile.gettempdir(), size=size >> 20, reason=reason_of(error))
 
 
 def watched(memory: mmap.mmap) -> mmap.mmap:
-    """Register a mapped file for `release`."""
+    """Register a mapped file for `release`, and return it."""
     _mapped.add(memory)
     return memory
 
 
 def release(rows: float = math.inf) -> None:
-    """Release the memory of mapped files once `ROWS` rows are read: a call per file is slow. Their content stays."""
+    """Release the memory of mapped files, but not their content; as this is slow, only after `ROWS` rows were read."""
     global _read
     _read += rows
     if _read >= ROWS and hasattr(mmap, "MADV_DONTNEED"):
@@ -111,7 +111,7 @@ def release(rows: float = math.inf) -> None:
 
 
 def blocks(rows: int, *, before: int = 0, size: int = 0) -> Iterator[slice]:
-    """Yield slices of rows in order, of a `size` and with `before` earlier rows each; memory is released after each."""
+    """Yield slices of `size` successive rows, each with `before` earlier rows; release memory after each slice."""
     size = size or ROWS
     for start in range(0, rows, size):
         yield slice(max(start - before, 0), min(start + size, rows))
@@ -119,67 +119,68 @@ def blocks(rows: int, *, before: int = 0, size: int = 0) -> Iterator[slice]:
 
 
 def by_blocks(function: Callable[..., NDArray[Any]], *arrays: NDArray[Any]) -> NDArray[Any]:
-    """Apply a row-wise function to `arrays` in blocks."""
+    """Apply a row-wise function to `arrays` in blocks of rows."""
     rows = len(arrays[0])
     if rows <= ROWS:
         return function(*arrays)
     out = None
     for part in blocks(rows):
-        found = function(*(array[part] for array in arrays))
+        result = function(*(array[part] for array in arrays))
         if out is None:
-            out = empty((rows, *found.shape[1:]), found.dtype)
-        out[part] = found
+            out = empty((rows, *result.shape[1:]), result.dtype)
+        out[part] = result
     assert out is not None
     return out
 
 
 def mean(values: NDArray[Any]) -> NDArray[Any]:
-    """Compute the mean of rows, of two columns or more, by blocks, bit-identical to the whole."""
+    """Compute the mean of all rows by blocks, for two columns or more, bit-identical to one sum over all rows."""
     total = np.zeros((0, *values.shape[1:]))
-    for part in blocks(len(values)):  # `sum` is five times slower for rows of three
+    for part in blocks(len(values)):  # `sum` would be five times slower for three columns
         total = np.einsum("ij->j", np.concatenate([total, values[part]]))[None]
     return np.asarray(total[0] / len(values))
 
 
 def steps(values: NDArray[Any]) -> NDArray[Any]:
-    """Compute differences of successive values."""
+    """Compute differences of successive rows."""
     return by_blocks(np.subtract, values[1:], values[:-1])
 
 
 def every(array: NDArray[Any], step: int) -> NDArray[Any]:
     """Select every `step`-th row."""
     size = step * max(1, LARGE // (step * max(array[:1].nbytes, 1)))
-    return np.concatenate([array[part][::step].copy() for part in blocks(len(array), size=size)])  # before releasing
+    # copies, since `blocks` releases the memory of each part
+    return np.concatenate([array[part][::step].copy() for part in blocks(len(array), size=size)])
 
 
 def chosen(array: NDArray[Any], selection: NDArray[Any]) -> NDArray[Any]:
-    """Select rows of an array by a mask, or by numbers."""
+    """Select rows of an array by a mask, or by row numbers."""
     numbers = np.flatnonzero(selection) if selection.dtype == np.bool_ else selection
-    found = by_blocks(lambda some: np.asarray(array[some]), numbers)
+    rows = by_blocks(lambda some: np.asarray(array[some]), numbers)
     release(len(numbers))
-    return found
+    return rows
 
 
 def joined(parts: Sequence[NDArray[Any]]) -> NDArray[Any]:
-    """Concatenate arrays."""
+    """Concatenate arrays along their rows."""
     if len(parts) == 1:
         return parts[0]
     rows = sum(map(len, parts))
     if rows <= ROWS:
         return np.concatenate(parts)
-    out, at = empty((rows, *parts[0].shape[1:]), parts[0].dtype), 0
+    out, start = empty((rows, *parts[0].shape[1:]), parts[0].dtype), 0
     for part in parts:
-        out[at : at + len(part)] = part
-        at += len(part)
+        out[start : start + len(part)] = part
+        start += len(part)
         release()
     return out
 
 
 def _reserve(file: int, size: int) -> None:
-    """Reserve the disk space immediately: a later failure would end the process."""
+    """Reserve the disk space now: on a full disk, a later write to the mapped file would end the process."""
     if hasattr(os, "posix_fallocate"):
         os.posix_fallocate(file, 0, size)
         return
     zeros = bytes(1 << 20)
-    for at in range(0, size, len(zeros)):
-        os.write(file, zeros[: size - at])
+    for start in range(0, size, len(zeros)):
+        os.write(file, zeros[: size - start])

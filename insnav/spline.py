@@ -1,6 +1,6 @@
 """Cubic splines with not-a-knot ends, without importing scipy.interpolate.
 
-That import takes a fifth of a second, as long as navigating half an hour.
+That import takes a fifth of a second, as long as navigating a half-hour drive.
 """
 
 from __future__ import annotations
@@ -18,31 +18,31 @@ class Spline:
 
     def __init__(self, time: FloatArray, values: FloatArray) -> None:
         h = np.diff(time)[:, None]
-        rise = np.diff(values, axis=0) / h
-        slope = _slopes(h, rise)
-        bend = (slope[:-1] + slope[1:] - 2.0 * rise) / h
+        chord = np.diff(values, axis=0) / h
+        slope = _slopes(h, chord)
+        bend = (slope[:-1] + slope[1:] - 2.0 * chord) / h
         area = h * (values[:-1] + values[1:]) / 2.0 + h**2 * (slope[:-1] - slope[1:]) / 12.0
-        before = np.cumsum(area, axis=0) - area
-        self._time, self._parts = time, (before, values[:-1], slope[:-1], (rise - slope[:-1]) / h - bend, bend / h)
+        integral = np.cumsum(area, axis=0) - area
+        self._time, self._parts = time, (integral, values[:-1], slope[:-1], (chord - slope[:-1]) / h - bend, bend / h)
 
     def _at(self, time: FloatArray) -> tuple[FloatArray, ...]:
-        """Return the offset in the piece of each of `time` (k,), the integral before it, and its coefficients."""
+        """Return, for each `time` (k,): offset within its piece, integral before the piece, and its coefficients."""
         piece = np.clip(np.searchsorted(self._time, time, side="right") - 1, 0, self._time.size - 2)
-        return (time - self._time[piece])[:, None], *(each[piece] for each in self._parts)
+        return (time - self._time[piece])[:, None], *(part[piece] for part in self._parts)
 
     def changes(self, time: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Evaluate first and second derivative, (k, m) each."""
+        """Evaluate first and second derivative at `time` (k,), (k, m) each."""
         u, _, _, b, c, d = self._at(time)
         return b + u * (2.0 * c + 3.0 * u * d), 2.0 * c + 6.0 * u * d
 
     def integral(self, time: FloatArray) -> FloatArray:
-        """Evaluate the integral from the first time on, (k, m)."""
+        """Evaluate the integral from the first knot to `time` (k,), (k, m)."""
         u, before, a, b, c, d = self._at(time)
         return before + u * (a + u * (b / 2.0 + u * (c / 3.0 + u * d / 4.0)))
 
 
 def _slopes(h: FloatArray, rise: FloatArray) -> FloatArray:
-    """Solve for slopes at the knots, (n, m), from steps (n - 1, 1) and chord slopes (n - 1, m).
+    """Solve for the slopes at the knots, (n, m), from steps `h` (n - 1, 1) and chord slopes `rise` (n - 1, m).
 
     Cyclic reduction doubles the distance of the unknowns in each equation (R. W. Hockney, "A fast direct solution of
     Poisson's equation using Fourier analysis", J. ACM 12 (1965) 95-113).
@@ -52,19 +52,19 @@ def _slopes(h: FloatArray, rise: FloatArray) -> FloatArray:
         ((h[0] + 2.0 * first) * h[1] * rise[0] + h[0] ** 2 * rise[1]) / first,
         ((h[-1] + 2.0 * last) * h[-2] * rise[-1] + h[-1] ** 2 * rise[-2]) / last,
     )
-    whole = 2.0 * (h[:-1] + h[1:])
+    diagonal = 2.0 * (h[:-1] + h[1:])
     right = 3.0 * (h[1:] * rise[:-1] + h[:-1] * rise[1:])
-    whole[[0, -1]] /= 2.0  # eliminated end slopes
+    diagonal[[0, -1]] /= 2.0  # the end conditions eliminate the end slopes
     right[0] -= ends[0]
     right[-1] -= ends[1]
-    before, after, inner = h[1:] / whole, h[:-1] / whole, right / whole
+    before, after, inner = h[1:] / diagonal, h[:-1] / diagonal, right / diagonal
     before[0] = after[-1] = 0.0
-    step, n = 1, inner.shape[0]
+    step, n = 1, inner.shape[0]  # distance of the unknowns in each equation, their number
     while step < n and max(np.abs(before).max(), np.abs(after).max()) > 1e-18:
-        down = [np.pad(each[:-step], ((step, 0), (0, 0))) for each in (before, after, inner)]
-        up = [np.pad(each[step:], ((0, step), (0, 0))) for each in (before, after, inner)]
-        left = 1.0 - before * down[1] - after * up[0]
-        inner = (inner - before * down[2] - after * up[2]) / left
-        before, after, step = -before * down[0] / left, -after * up[1] / left, 2 * step
+        down = [np.pad(terms[:-step], ((step, 0), (0, 0))) for terms in (before, after, inner)]
+        up = [np.pad(terms[step:], ((0, step), (0, 0))) for terms in (before, after, inner)]
+        pivot = 1.0 - before * down[1] - after * up[0]
+        inner = (inner - before * down[2] - after * up[2]) / pivot
+        before, after, step = -before * down[0] / pivot, -after * up[1] / pivot, 2 * step
     start, end = (ends[0] - first * inner[0]) / h[1], (ends[1] - last * inner[-1]) / h[-2]
     return np.vstack([start, inner, end])

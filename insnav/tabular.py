@@ -1,7 +1,7 @@
 """Row-wise data: selection of rows, and conversion to and from tables of named columns.
 
-The columns of a field are defined once, with the unit in the name as in files (see `insnav`). The factor to SI follows
-from that name.
+The columns of a field are defined once, with the unit in the name as in files (see `insnav`). The column name
+determines the factor to SI.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 Selection = slice | NDArray[np.bool_] | NDArray[np.intp]
 
-_FACTORS = (("_deg_h", DEG_PER_H), ("_deg", DEG), ("_mg", 1e-3 * G0), ("_ppm", PPM))  # longest first; else SI
+_FACTORS = (("_deg_h", DEG_PER_H), ("_deg", DEG), ("_mg", 1e-3 * G0), ("_ppm", PPM))  # longest suffix first; else SI
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,10 +31,10 @@ class Tabular:
     """Frozen dataclass of arrays with one row per epoch."""
 
     COLUMNS: ClassVar[Mapping[str, tuple[str, ...]]] = {}
-    """Columns of each array field, their unit in the name."""
+    """Names of the columns of each array field, ending in the unit."""
 
     def rows(self, selection: Selection) -> Self:
-        """Select rows of every present array; other fields are unchanged. Views for a slice, else copies."""
+        """Select rows of every array that is not None; keep other fields. Arrays are views for a slice, else copies."""
         if isinstance(selection, slice):
             return self._changed(lambda _, values: values[selection])
         return self._changed(lambda _, values: chosen(values, selection))
@@ -46,13 +46,13 @@ class Tabular:
         """
 
         def both(name: str, values: NDArray[Any]) -> NDArray[Any] | None:
-            other = getattr(after, name)
-            return None if other is None else np.concatenate([values, other])
+            following = getattr(after, name)
+            return None if following is None else np.concatenate([values, following])
 
         return self._changed(both)
 
     def _changed(self, change: Callable[[str, NDArray[Any]], NDArray[Any] | None]) -> Self:
-        """Copy with changed arrays: `replace` takes three times as long, and this serves every block of samples."""
+        """Copy the object with changed arrays, for every block of samples: `replace` would take three times as long."""
         new = object.__new__(type(self))
         names: tuple[str, ...] = self.__slots__
         for name in names:
@@ -77,7 +77,7 @@ class Tabular:
         return frame
 
     def columns(self) -> dict[str, NDArray[Any]]:
-        """Return columns ``(n,)`` of every present array, by canonical name and in its unit."""
+        """Return the columns ``(n,)`` of every array that is not None, by canonical name, in the unit of the name."""
         columns: dict[str, NDArray[Any]] = {}
         for field, values in self._arrays().items():
             table = np.sqrt(np.diagonal(values, axis1=1, axis2=2)) if values.ndim == 3 else values
@@ -95,10 +95,10 @@ class Tabular:
 
 @dataclass(frozen=True, slots=True)
 class FromTable(Tabular):
-    """Rows that can be read from a table."""
+    """Tabular data that can also be read from a table."""
 
     NEEDED: ClassVar[tuple[str, ...]] = ("time", "lla")
-    """Fields that a table cannot do without; others are ``NaN``, or None if they may be."""
+    """Fields whose columns a table must have; other absent fields are ``NaN``, or None where None is their default."""
 
     @classmethod
     def from_frame(cls, frame: pd.DataFrame, **others: str) -> Self:
@@ -107,7 +107,7 @@ class FromTable(Tabular):
         Parameters
         ----------
         frame : pandas.DataFrame
-            As from `to_frame`. Columns of unknown values may be absent.
+            Table in the form of `to_frame`. Columns of unknown values may be absent.
         **others : str
             Fields other than arrays, such as ``sampling``; by default from the ``attrs`` of the frame.
 
@@ -129,23 +129,23 @@ class FromTable(Tabular):
             raise InputError(
                 "data.columns", table=cls.__name__, unknown=tuple(wrong), missing=tuple(absent), known=tuple(known)
             )
-        found: dict[str, Any] = {str(name): value for name, value in frame.attrs.items()}
+        values: dict[str, Any] = {str(name): value for name, value in frame.attrs.items()}
         for field in fields(cls):
             names = cls.COLUMNS.get(field.name, ())
             if any(name in frame.columns for name in names):
-                found[field.name] = _array(frame, names)
+                values[field.name] = _array(frame, names)
             elif names and field.default is MISSING:
-                found[field.name] = np.full((len(frame), len(names)), np.nan)
-        return cls(**(found | others))
+                values[field.name] = np.full((len(frame), len(names)), np.nan)
+        return cls(**(values | others))
 
 
 def unit_of(name: str) -> float:
-    """Return the SI value of a column's unit, by the end of its name; 1 for an SI unit or none."""
+    """Return the factor to SI of a column, from the unit at the end of its name; 1 for an SI unit or no unit."""
     return next((factor for suffix, factor in _FACTORS if name.endswith(suffix)), 1.0)
 
 
 def runs_of(chosen: NDArray[np.bool_]) -> NDArray[np.intp]:
-    """Return begin and end ``(m, 2)`` of each unbroken run of chosen rows ``(n,)``."""
+    """Return first row and end row (exclusive) ``(m, 2)`` of each unbroken run of True in `chosen` ``(n,)``."""
     return np.flatnonzero(np.diff(np.concatenate([[0], chosen.astype(np.int8), [0]]))).reshape(-1, 2)
 
 

@@ -1,7 +1,7 @@
 """Data types of insnav.
 
-All arrays are float64, SI units and radians; see `insnav` for frames and signs. ``NaN`` in a field documented so means
-"unknown"; no other value does.
+Measurements are float64 arrays in SI units and radians; see `insnav` for frames and signs. ``NaN`` means "unknown" in
+fields documented so. No other value means "unknown".
 """
 
 from __future__ import annotations
@@ -29,6 +29,7 @@ Source = Literal["given", "data", "prior"]
 
 
 def _each(template: str, parts: str) -> tuple[str, ...]:
+    # each part replaces the question mark of the template
     return tuple(template.replace("?", part) for part in parts.split())
 
 
@@ -58,15 +59,15 @@ class ImuData(FromTable):
     accel : (n, 3) array
         Specific force [m/s^2]; its integral [m/s] if `sampling` is ``increment``. Level and at rest z is -9.8 m/s^2.
     sampling : {"mean", "instant", "increment"}
-        Mean over the sampling interval, value at an instant, or integral over the interval.
+        Samples are means over the sampling interval, values at an instant, or integrals over the interval.
     stamp : {"start", "mid", "end"}
-        Where in its interval a sample is stamped (no meaning for ``instant``).
+        Point of the sampling interval that the time of a sample refers to (no meaning for ``instant``).
     temperature : (n,) array or None
         Sensor temperature [deg C].
     odometer : (n,) array or None
         Forward speed from a wheel sensor [m/s], ``NaN`` where there is none.
     baro : (n,) array or None
-        Height by a barometer, from any zero [m]; ``NaN`` where there is none.
+        Barometric height above an arbitrary zero [m]; ``NaN`` where there is none.
     """
 
     COLUMNS: ClassVar = {
@@ -89,7 +90,7 @@ class ImuData(FromTable):
     baro: FloatArray | None = None
 
     def columns(self) -> dict[str, NDArray[Any]]:
-        """Return canonical columns ``(n,)``, of increments if the samples are increments."""
+        """Return canonical columns ``(n,)``; columns of increments have their own names."""
         names = dict(zip(_GYRO + _ACCEL, _DTHETA + _DVEL, strict=True)) if self.sampling == "increment" else {}
         return {names.get(name, name): column for name, column in Tabular.columns(self).items()}
 
@@ -99,7 +100,7 @@ class ImuData(FromTable):
 
     @classmethod
     def from_frame(cls, frame: pd.DataFrame, **others: str) -> Self:
-        """Read as `insnav.tabular.FromTable.from_frame`, rates or increments by the columns present."""
+        """Read a table as `insnav.tabular.FromTable.from_frame` does; its columns are rates or increments."""
         if _DTHETA[0] in frame.columns:
             frame = frame.rename(columns=dict(zip(_DTHETA + _DVEL, _GYRO + _ACCEL, strict=True)))
             others["sampling"] = "increment"
@@ -125,9 +126,9 @@ class GpsData(FromTable):
     fix : (n,) array or None
         Fix type as in the file (1 fixed, 2 float, 4 DGPS, 5 single, 0 none), if given.
     heading : (n,) array or None
-        Heading from the receiver, e.g. of two antennas [rad]; ``NaN`` where not known.
+        Heading from the receiver, e.g. with two antennas [rad]; ``NaN`` where not known.
     satellites, dop : (n,) array or None
-        Satellites used and dilution of precision [-], shown on the page alone; ``NaN`` where not known.
+        Number of satellites used and dilution of precision [-], only for display; ``NaN`` where not known.
     """
 
     COLUMNS: ClassVar = {
@@ -194,9 +195,9 @@ class Trajectory(FromTable):
 
 @dataclass(frozen=True, slots=True)
 class SensorLog:
-    """Log of a further sensor, on its own clock."""
+    """Log of an additional sensor, with times of its own clock."""
 
-    name: str  # its kind of measurement, such as ``speedometer``
+    name: str  # kind of sensor, such as ``speedometer``
     time: FloatArray  # (n,) [s], strictly increasing
     values: Mapping[str, FloatArray]  # (n,) columns by name, in SI and radians; ``NaN`` if unknown
 
@@ -218,8 +219,8 @@ class Increments(Tabular):
     coning : (n, 3) array
         Rotation vector of the interval minus `dtheta` [rad].
     sculling : (n, 3) array
-        Velocity increment in the body axes at the interval's start, minus `dvel` and minus its rotation under
-        constant rate and constant specific force [m/s].
+        Velocity increment in the body axes at the interval's start, minus its value for constant rate and specific
+        force [m/s]. This value is `dvel` plus the rotation correction from `dtheta`.
     """
 
     COLUMNS: ClassVar = {
@@ -241,31 +242,31 @@ class Increments(Tabular):
 
 @dataclass(frozen=True, slots=True)
 class Alignment:
-    """Attitude of the body at one time, with uncertainty and origin."""
+    """Attitude of the body at one time, with its uncertainty and the methods that gave it."""
 
-    time: float  # of this attitude [s]
+    time: float  # time of this attitude [s]
     rph: FloatArray  # (3,) roll, pitch, heading [rad]
     sd: FloatArray  # (3,) standard deviation of the attitude error about North, East, Down [rad]
-    # (3,) mean of the stationary gyros minus the Earth rate, and its standard deviation [rad/s]; zero and infinite if
-    # never stationary
+    # (3,) gyro bias: mean rate while stationary minus the Earth rate, and its standard deviation [rad/s]. Zero and
+    # infinite if the IMU was never stationary
     gyro_bias: FloatArray
     gyro_bias_sd: FloatArray
     static: tuple[float, float] | None  # start and end of the static interval used [s]
-    # methods of roll and pitch, and of heading; in words in folders of earlier versions
+    # methods that gave roll and pitch, and heading; a text instead of a code in folders of earlier versions
     level_method: Code | str
     heading_method: Code | str
-    # (k, 2) level and heading changes between parts of a long stationary period, including sensor drift [rad]: a moored
-    # boat, a car being loaded. NaN where people board; empty for a short period
+    # (k, 2) level and heading changes between parts of a long stationary period, including sensor drift [rad]. Examples
+    # are a moored boat, and a car being loaded. NaN where people board; empty for a short period
     sway: FloatArray = field(default_factory=lambda: np.empty((0, 2)))
-    left: float = -np.inf  # end of that period, which begins with the static interval [s]
+    left: float = -np.inf  # end of this stationary period, which begins with `static` [s]
 
 
 @dataclass(frozen=True, slots=True)
 class Innovations(Tabular):
     """Innovation statistics of every fix that the filter processed.
 
-    Columns 0..2 are position North, East, Down [m], 3..5 velocity North, East, Down [m/s]; ``NaN`` without such a
-    value.
+    Columns 0..2 are position North, East, Down [m], 3..5 velocity North, East, Down [m/s]; ``NaN`` where the fix has
+    no such measurement.
     """
 
     COLUMNS: ClassVar = {
@@ -278,13 +279,13 @@ class Innovations(Tabular):
         "used_velocity": ("used_velocity",),
     }
 
-    time: FloatArray  # (m,) of the fix, corrected for its delay [s]
+    time: FloatArray  # (m,) time of the fix, corrected for its delay [s]
     innovation: FloatArray  # (m, 6) measured minus predicted
     sd: FloatArray  # (m, 6) predicted standard deviation of the innovation
     # (m,) normalised innovation squared, 3 degrees of freedom each [-]
     nis_position: FloatArray
     nis_velocity: FloatArray
-    # (m,) whether it was accepted
+    # (m,) whether the filter accepted position and velocity
     used_position: BoolArray
     used_velocity: BoolArray
 
@@ -293,12 +294,12 @@ class Innovations(Tabular):
 class AidingUse:
     """Innovation statistics of one kind of aiding measurement."""
 
-    name: str  # such as ``nhc``, ``zupt``, ``odometer``, ``height``, ``heading``
-    # number of measurements
+    name: str  # kind, such as ``nhc``, ``zupt``, ``odometer``, ``height``, ``heading``
+    # numbers of processed and of rejected measurements
     processed: int
     rejected: int
-    innovation_rms: float  # root mean square of the accepted ones, over at most the first three components [`unit`]
-    nis: float  # mean normalised innovation squared of the accepted ones, per component [-]
+    innovation_rms: float  # RMS of accepted measurements, over at most the first three components [`unit`]
+    nis: float  # mean normalised innovation squared of accepted measurements, per component [-]
     unit: str
 
 
@@ -312,9 +313,9 @@ class SensorErrors(Tabular):
         "sd": tuple(f"sd_{name}" for name in _SENSOR_ERRORS),
     }
 
-    time: FloatArray  # (m,) [s]
-    # (m, 12) sensor errors x, y, z: gyro bias [rad/s], accelerometer bias [m/s^2], scale factor of gyro and
-    # accelerometer [-]
+    time: FloatArray  # (m,) time of the epoch [s]
+    # (m, 12) sensor errors, and their standard deviations. Axes x, y, z of: gyro bias [rad/s], accelerometer bias
+    # [m/s^2], gyro scale factor [-], accelerometer scale factor [-]
     value: FloatArray
     sd: FloatArray
 
@@ -331,12 +332,12 @@ class Epochs(Tabular):
         "covariance": (*_POSITION_SD, *_VELOCITY_SD, *_each("sd_phi_?_deg", "n e d")),
     }
 
-    time: FloatArray  # (m,) [s]
+    time: FloatArray  # (m,) time of the epoch [s]
     lla: FloatArray  # (m, 3) latitude, longitude [rad], height [m]
     v_n: FloatArray  # (m, 3) velocity North, East, Down [m/s]
     q_nb: FloatArray  # (m, 4) attitude quaternion, scalar first
-    # (m, 9, 9) of position N, E, D [m], velocity N, E, D [m/s] and attitude error ``phi`` [rad]. It is
-    # ``C_hat = (I - [phi x]) C`` with the attitude C of the sensor axes
+    # (m, 9, 9) of position N, E, D [m], velocity N, E, D [m/s] and attitude error ``phi`` [rad]. The estimated attitude
+    # of the sensor axes is ``C_hat = (I - [phi x]) C``, with the true attitude ``C``
     covariance: FloatArray
 
 
@@ -344,27 +345,27 @@ class Epochs(Tabular):
 class StateChange:
     """Change of three error states of the filter at one time."""
 
-    time: float  # of the epoch after the change [s], in sample time
+    time: float  # time of the epoch after the change [s], on the clock of the samples
     first: int  # index of the first of the three error states
-    change: FloatArray  # (3,) of the error, estimate minus truth
-    variance: FloatArray  # (3,) lower limit of the error variance after the change
+    change: FloatArray  # (3,) change of the error, estimate minus truth
+    variance: FloatArray  # (3,) smallest error variance after the change
 
 
 class RoundingChange(NamedTuple):
-    """Time at which gyros of coarse resolution get other rounding errors."""
+    """Change of the rounding errors of gyros with coarse resolution."""
 
-    time: float  # of the epoch after the change [s], in sample time
-    before: FloatArray  # (3,) variance of the rounding error of each gyro before [rad^2/s^2]; NaN without a change
-    after: FloatArray  # (3,) and after it: zero where noise averages the rounding errors
+    time: float  # time of the epoch after the change [s], on the clock of the samples
+    before: FloatArray  # (3,) variance of each gyro's rounding error before the change [rad^2/s^2]; NaN if unchanged
+    after: FloatArray  # (3,) variance of rounding errors after the change; zero where noise averages them
 
 
 @dataclass(frozen=True, slots=True)
 class Smoothed:
-    """Smoothed (RTS) solution: every epoch from the whole recording, including later fixes."""
+    """Smoothed (RTS) solution: each epoch uses the whole recording, including later fixes."""
 
     solution: Trajectory  # at the times of the filter's solution
     epochs: Epochs  # state and covariance at each used fix
-    sensor_errors: SensorErrors  # biases and scale factors at these times
+    sensor_errors: SensorErrors  # biases and scale factors at the times of `epochs`
 
 
 @dataclass(frozen=True, slots=True)
@@ -376,7 +377,7 @@ class Run:
     solution : Trajectory
         Position, velocity, attitude at the IMU, with standard deviations.
     innovations : Innovations
-        Of every fix that the filter processed.
+        Innovation statistics of every fix that the filter processed.
     sensor_errors : SensorErrors
         Estimated biases and scale factors.
     events : tuple of Finding
@@ -386,18 +387,18 @@ class Run:
     epochs : Epochs
         State and full covariance after each fix.
     gps_delay, gps_delay_sd : float
-        Age of the fixes relative to their timestamps [s], specified or estimated, and its standard deviation.
+        Age of a fix at its timestamp [s], specified or estimated, and its standard deviation.
     lever_b, lever_sd : (3,) array
-        Antenna seen from the IMU, body axes [m], specified or estimated, and its standard deviation.
+        Lever arm: vector from the IMU to the antenna, body axes [m], specified or estimated; standard deviation.
     smoothed : Smoothed or None
         The smoothed solution, if any.
     aiding : tuple of AidingUse
-        Aiding measurements besides fixes.
+        Innovation statistics of aiding measurements other than fixes.
     poses : Trajectory or None
-        The better solution at the epochs asked for, of the point asked for.
+        Best solution at the requested epochs, for the requested point of the vehicle.
     lever_sd_alone : (3,) array
-        `lever_sd` of the filter alone, without the disagreement of parts of the drive on the delay and thus the arm
-        [m].
+        `lever_sd` of the filter alone [m]. `lever_sd` also covers parts of the drive that disagree on the delay and
+        thus on the lever arm.
     """
 
     solution: Trajectory

@@ -1,6 +1,6 @@
 """Units by name, and their factors to SI.
 
-Numbers that enter or leave insnav have a written unit; inside there are only SI and radians.
+Numbers that enter or leave insnav have a written unit. Inside the package, all numbers are in SI units and radians.
 """
 
 from __future__ import annotations
@@ -60,9 +60,9 @@ _FACTORS: dict[str, dict[str, float]] = {
     "frequency": {"Hz": 1.0, "1/h": 1.0 / HOUR},
     "vibration density": {"(m/s^2)^2/Hz": 1.0, "g^2/Hz": G0 * G0},
 }
-# unit text -> (dimension, factor to SI)
+# dimension and factor to SI of each unit, by its text
 UNITS = {unit: (dimension, factor) for dimension, units in _FACTORS.items() for unit, factor in units.items()}
-# random walks of a bias: the unit of the bias over the root of a time
+# units of the random walk of a bias: unit of the bias divided by the root of a time unit
 UNITS |= {
     f"{name}/sqrt({time})": (f"{dimension} random walk", factor / math.sqrt(seconds))
     for name, (dimension, factor) in UNITS.items()
@@ -70,7 +70,7 @@ UNITS |= {
     for time, seconds in (("s", 1.0), ("h", HOUR))
 }
 
-# spellings of data sheets
+# spellings in data sheets, and their spelling in `UNITS`
 _SPELLED = (
     *(("hr", "h"), ("µ", "u"), ("μ", "u"), ("°", "deg"), ("rtHz", "sqrt(Hz)"), ("√Hz", "sqrt(Hz)"), ("√h", "sqrt(h)")),
     *(("√s", "sqrt(s)"), ("dph", "deg/h"), ("dps", "deg/s"), ("²", "^2"), ("³", "^3")),
@@ -98,5 +98,5 @@ def units_of(dimension: str) -> list[str]:
 
 
 def si_unit(dimension: str) -> str:
-    """Return the unit of a dimension with factor one."""
+    """Return the SI unit of a dimension, which has the factor one."""
     return next(name for name, (dim, factor) in UNITS.items() if dim == dimension and factor == 1.0)

@@ -1,4 +1,4 @@
-"""Command line: thin commands, their help in ``texts``; heavy imports in the command, no mathematics."""
+"""Command line: thin commands without mathematics, help in ``texts``. Slow imports are inside the commands."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from insnav.exceptions import ConfigError, InputError, InsnavError
 from insnav.messages import translated
 from insnav.plain_text import in_columns
 
-# each is the function of its name, in help order; in a file of its name unless in one of `SHARED`
+# names of the commands, in the order of the help; also names of their functions, and of their files except `SHARED`
 COMMANDS = (
     *("run", "live", "batch", "check", "demo", "align", "compare", "report", "export", "outage", "budget", "require"),
     *("simulate", "imus", "allan", "tune", "acceptance", "drift", "platform", "verify", "regress"),
@@ -37,7 +37,7 @@ _FILES = {name: file for file, names in SHARED.items() for name in names}
 
 
 def commands(*names: str) -> Any:
-    """Return the group of these commands, or of all if none is among them: building all takes 50 ms."""
+    """Build the command group of `names`, or of all commands if `names` has none; building all takes 50 ms."""
     app = typer.Typer(
         name="insnav",
         cls=LightGroup,
@@ -51,8 +51,8 @@ def commands(*names: str) -> Any:
     chosen = [name for name in COMMANDS if name in names]
     for name in chosen or COMMANDS:
         about = vars(import_module(f"insnav.cli.{_FILES.get(name, name)}"))
-        how = {"cls": GroupedCommand, "context_settings": about.get("SETTINGS"), **help_of(name)}
-        app.command(name, **how)(declared(about[name], name))
+        settings = {"cls": GroupedCommand, "context_settings": about.get("SETTINGS"), **help_of(name)}
+        app.command(name, **settings)(declared(about[name], name))
     if not chosen:
         from insnav.cli import bench
 
@@ -60,13 +60,13 @@ def commands(*names: str) -> Any:
     return get_command(app)
 
 
-# options of earlier versions
+# environment variable with which a shell requests completions
 COMPLETE = "_INSNAV_COMPLETE"
 QUIET, VERBOSE = {"-q", "--quiet"}, {"-v", "--verbose"}
-# matrices are small: threads of linear algebra would waste a third of a run's CPU time waiting
+# one thread for linear algebra: as matrices are small, more threads would waste a third of a run's CPU time waiting
 THREADS = "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"
-LEAST_MEMORY = 1200 << 20  # address space, of which a third is used [bytes]
-RENAMED = {"--twins": "--replicas", "--raw": "--uncalibrated", "--workers": "--engine"}
+LEAST_MEMORY = 1200 << 20  # least address space for the libraries, which use a third of it [bytes]
+RENAMED = {"--twins": "--replicas", "--raw": "--uncalibrated", "--workers": "--engine"}  # old and new option names
 
 
 def _version(value: bool) -> None:
@@ -89,16 +89,16 @@ def _common(
 
 def main() -> None:
     """Run the command line and end the process with its exit code."""
-    for name in THREADS:  # read when numpy is imported, later
+    for name in THREADS:  # numpy reads these variables when it is imported, later
         os.environ.setdefault(name, "1")
-    os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "__all__")  # otherwise it searches all installed packages
-    gc.set_threshold(200_000, 50)  # imported objects persist (125 000): collecting garbage there takes 3 % of a run
-    words = list(itertools.takewhile(lambda text: text != "--", sys.argv[1:]))  # these may be anywhere before it
+    os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "__all__")  # otherwise pydantic searches all installed packages
+    gc.set_threshold(200_000, 50)  # the 125 000 imported objects stay; searching them for garbage takes 3 % of a run
+    words = list(itertools.takewhile(lambda text: text != "--", sys.argv[1:]))  # words before -- may be options
     debug = "--debug" in words
     console.level = -1 if QUIET & set(words) else 1 if VERBOSE & set(words) else 0
-    renamed = {} if "allan" in words else RENAMED  # its workers are threads
-    rest, languages = _without_language([text for text in words if text not in {"--debug", *QUIET, *VERBOSE}])
-    arguments = [renamed.get(text, text) for text in rest] + sys.argv[1 + len(words) :]
+    renamed = {} if "allan" in words else RENAMED  # --workers of insnav allan is a number of threads
+    others, languages = _without_language([text for text in words if text not in {"--debug", *QUIET, *VERBOSE}])
+    arguments = [renamed.get(text, text) for text in others] + sys.argv[1 + len(words) :]
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="replace")  # a terminal without ± prints a question mark
@@ -123,12 +123,12 @@ def main() -> None:
 
 
 def _without_language(words: list[str]) -> tuple[list[str], list[str]]:
-    """Extract ``--lang zh`` and ``--lang=zh`` from the words of a command; return the others, and the languages."""
-    others, languages, left = [], [], iter(words)
-    for word in left:
+    """Extract ``--lang zh`` and ``--lang=zh`` from the words of a command; return other words and languages."""
+    others, languages, remaining = [], [], iter(words)
+    for word in remaining:
         name, _, value = word.partition("=")
         if name == "--lang":
-            languages.append(value if "=" in word else next(left, ""))
+            languages.append(value if "=" in word else next(remaining, ""))
         else:
             others.append(word)
     return others, languages
@@ -148,7 +148,7 @@ def _set_language(wanted: str) -> None:
 def _run(arguments: list[str]) -> int:
     command = commands(*itertools.islice((word for word in arguments if not word.startswith("-")), 1))
     try:
-        # not called directly, which has its own messages and exit codes
+        # not `command()`, which prints its own messages and uses its own exit codes
         with command.make_context("insnav", arguments) as context:
             _check_memory()
             command.invoke(context)
@@ -159,7 +159,7 @@ def _run(arguments: list[str]) -> int:
 
 
 def _check_memory() -> None:
-    """Refuse a memory limit below the need of the libraries: OpenBLAS would retry forever."""
+    """Refuse a memory limit below the need of the libraries, with which OpenBLAS would retry forever."""
     if sys.platform == "win32":
         return
     import resource
@@ -198,10 +198,10 @@ def _explained(error: Any) -> InsnavError:
     no_memory = isinstance(error, OSError) and error.errno == errno.ENOMEM
     if isinstance(error, MemoryError) or no_memory or (isinstance(error, ImportError) and "map segment" in str(error)):
         return InputError("cli.no_memory")
-    if type(error).__name__ == "UnpicklingError":  # only numba's cache is pickled; the module is used nowhere else
+    if type(error).__name__ == "UnpicklingError":  # a check by name avoids importing pickle; only numba's cache uses it
         from insnav.kernels.errorstate import propagate
 
         return InputError("cli.damaged_kernel", folder=str(propagate.stats.cache_path), reason=str(error))
-    if hasattr(error, "format_message"):  # of the option parser, with different types in different releases of typer
+    if hasattr(error, "format_message"):  # error of the option parser, whose type differs between releases of typer
         return usage_error(error)
     return InsnavError("cli.defect", kind=type(error).__name__, reason=str(error))

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from insnav.findings import Finding
     from insnav.fleet.batch import Drive
 
-SETTINGS = {"ignore_unknown_options": True, "allow_extra_args": True}  # options of run are passed on
+SETTINGS = {"ignore_unknown_options": True, "allow_extra_args": True}  # options of insnav run are allowed
 _COLUMNS = ("drive", "vehicle", "result", "horizontal_error", "horizontal_sd", "rejected", "outlier")
 
 
@@ -50,42 +50,42 @@ def batch(
         quiet_figures()
         folder = resolved(out)
         check_folder(folder)
-        left: list[Finding] = []
-        found = _read(drives) if drives.suffix.lower() == ".toml" else None
-        if found is None:
-            found, left = find_drives(drives, folder, "processes" if "dask" in engine else engine)
-        found = [replace(each, arguments=(each.arguments[0], *common, *each.arguments[1:])) for each in found]
+        skipped: list[Finding] = []
+        recordings = _read(drives) if drives.suffix.lower() == ".toml" else None
+        if recordings is None:
+            recordings, skipped = find_drives(drives, folder, "processes" if "dask" in engine else engine)
+        recordings = [replace(job, arguments=(job.arguments[0], *common, *job.arguments[1:])) for job in recordings]
         try:
-            made = navigated(
+            outcomes = navigated(
                 run_drive,
-                found,
+                recordings,
                 folder,
                 again=again,
                 workers=engine,
-                progress=lambda done: stage("navigating", done / len(found), len(found)),
+                progress=lambda done: stage("navigating", done / len(recordings), len(recordings)),
             )
         except Stopped:
             note("finished drives are kept: the same command continues")
             raise
         stage("writing")
         aside = moved_aside(folder)
-        for text in (*map(sentence, aside), *(f"{each.name}: {each.failed.reason}" for each in made if each.failed)):
+        for text in (*map(sentence, aside), *(f"{run.name}: {run.failed.reason}" for run in outcomes if run.failed)):
             note(text)
-        options, findings = {"drives": str(drives), "run": common}, (*left, *aside)
-        outcome = Result("fleet", tuple(made), options=options, findings=findings)
+        options, findings = {"drives": str(drives), "run": common}, (*skipped, *aside)
+        outcome = Result("fleet", tuple(outcomes), options=options, findings=findings)
         write_fleet(folder, outcome)
     page = outcome.page()
-    rows = nonempty_columns([[each for each in row if each.key in _COLUMNS] for row in page.sections[1].rows])
+    rows = nonempty_columns([[cell for cell in row if cell.key in _COLUMNS] for row in page.sections[1].rows])
     shown = replace(page, sections=(replace(page.sections[1], rows=rows),))
     result_page(folder, page if console.level > 0 else shown, out, as_json=as_json, more=("drives", "fleet.csv"))
-    unwritten = [each.failed for each in made if isinstance(each.failed, OutputError)]
+    unwritten = [run.failed for run in outcomes if isinstance(run.failed, OutputError)]
     if unwritten:
         raise OutputError("batch.unwritten", where=str(folder), count=len(unwritten), cause=unwritten[0])
     check_usable(outcome)
 
 
 def run_drive(arguments: Sequence[str]) -> None:
-    """Navigate one drive as ``insnav run`` does, silently; refusals and errors are raised."""
+    """Navigate one drive as ``insnav run`` does, without output; errors are raised."""
     from insnav.cli import _run
     from insnav.cli.data_options import as_option
 
@@ -101,7 +101,7 @@ def run_drive(arguments: Sequence[str]) -> None:
 
 
 def _read(path: Path) -> list[Drive]:
-    """Read the drives of a TOML file; its paths are relative to its folder."""
+    """Read the drives listed in a TOML file; paths in it are relative to its folder."""
     from insnav.config_file import read_toml
     from insnav.fleet.batch import Drive, name_of
 
@@ -126,7 +126,7 @@ def _read(path: Path) -> list[Drive]:
 
 
 def _words(key: str, value: Any) -> list[str]:
-    """Convert one key of a table to command-line words."""
+    """Convert one key of a drive's table to command-line words."""
     option = f"--{key.replace('_', '-')}"
     if key in ("file", "name", "vehicle"):
         return []
@@ -138,17 +138,17 @@ def _words(key: str, value: Any) -> list[str]:
 
 
 def _absolute(words: Sequence[str], folder: Path) -> list[str]:
-    """Make file names absolute for any worker; split ``--imu=FILE``, as changes of the file matter."""
-    found: list[str] = []
+    """Make file names absolute, for any worker; split ``--imu=FILE``, so that a change of the file is noticed."""
+    absolute: list[str] = []
     for word in words:
         option, equals, value = word.partition("=") if word.startswith("--") else ("", "", word)
         place = folder / value
-        found += [*([option] if equals else []), str(place.absolute())] if value and place.is_file() else [word]
-    return found
+        absolute += [*([option] if equals else []), str(place.absolute())] if value and place.is_file() else [word]
+    return absolute
 
 
 def _parsed(arguments: list[str], where: str) -> None:
-    """Refuse options unknown to insnav run, before the first drive."""
+    """Refuse options unknown to insnav run, before the first drive is navigated."""
     from insnav.cli import commands
 
     try:

@@ -37,7 +37,7 @@ def acceptance(
     force: bool = False,
     as_json: bool = False,
 ) -> None:
-    """Compute acceptance figures."""
+    """Compute acceptance figures of gyros and accelerometers from bench records."""
     times = common.positive_numbers(lengths, "--lengths", "1,10,100")
     named = common.columns(columns, "--columns")
     with working(out, force) as (folder, stage):
@@ -63,7 +63,7 @@ def allan(
     force: bool = False,
     as_json: bool = False,
 ) -> None:
-    """Analyse the noise of a static record."""
+    """Analyse the noise of a static record by its Allan deviation."""
     wanted: Any = taus if taus in ("log", "octave") else common.positive_numbers(taus, "--taus", "0.1,1,10")
     span = common.span(static, "--static") if static else None
     with working(out, force) as (folder, stage):
@@ -107,15 +107,15 @@ app = typer.Typer(
 
 
 def _command(method: str, *shared: str) -> Callable[[Callable[..., None]], Callable[..., None]]:
-    """Build the command of a method, with help. Its ``**how`` is replaced by the `shared` and result options."""
+    """Register the command of a calibration method. Options `shared` and result options replace its ``**how``."""
 
     def decorate(function: Callable[..., None]) -> Callable[..., None]:
-        own = dict(inspect.signature(function, eval_str=True).parameters)
-        if own.pop("how", None):
-            first, *rest = (each.replace(kind=_KEYWORD) for each in own.values())
+        parameters = dict(inspect.signature(function, eval_str=True).parameters)
+        if parameters.pop("how", None):
+            first, *others = (parameter.replace(kind=_KEYWORD) for parameter in parameters.values())
             shown = [_SHARED[name] for name in (*shared, "out", "force", "as_json")]
-            every = [first, *shown[:-3], *rest, *shown[-3:]]
-            function.__dict__["__signature__"] = inspect.Signature(every)
+            ordered = [first, *shown[:-3], *others, *shown[-3:]]
+            function.__dict__["__signature__"] = inspect.Signature(ordered)
         name = f"calibrate/{method}"
         return app.command(method, cls=GroupedCommand, **help_of(name))(common.declared(function, name))
 
@@ -124,26 +124,26 @@ def _command(method: str, *shared: str) -> Callable[[Callable[..., None]], Calla
 
 @_command("gyro", "columns", "spike_limit", "add", "name")
 def gyro(files: list[Path], keep: str | None = None, **how: Any) -> None:
-    """Calibrate gyros on a rate table."""
+    """Calibrate zero and scale factor of gyros on a rate table."""
     _calibrate("gyro", {"files": files, "keep": common.span(keep, "--range") if keep else None, **how})
 
 
 @_command("accel", "columns", "gravity", "spike_limit", "add", "name")
 def accel(files: list[Path], **how: Any) -> None:
-    """Calibrate accelerometers by tumbling."""
+    """Calibrate accelerometers by a tumble test."""
     _calibrate("accel", {"files": files, **how})
 
 
 @_command("imu", "columns", "spike_limit", "add", "name")
 def imu(files: list[Path], intercepts: str | None = None, **how: Any) -> None:
-    """Calibrate three gyros by sweeps."""
+    """Calibrate matrix and bias of three gyros by rate sweeps."""
     pieces = common.named_numbers(intercepts, "--intercept", "-0.01")
     _calibrate("imu", {"files": files, "intercepts": pieces, **how})
 
 
 @_command("nine", "columns", "gravity", "name")
 def nine(files: Path, **how: Any) -> None:
-    """Calibrate dual-axis modules."""
+    """Calibrate three dual-axis modules in nine positions."""
     _calibrate("nine", {"files": files, **how})
 
 
@@ -162,7 +162,7 @@ def poses(
     force: bool = False,
     as_json: bool = False,
 ) -> None:
-    """Calibrate an IMU in many positions."""
+    """Calibrate an IMU in many positions, or in six positions and three turns."""
     from math import radians
 
     from insnav.session.bench import bench_gravity
@@ -185,13 +185,13 @@ def poses(
 def rotor(
     fall: Path, precession: Path, fall_mass: float, radius: float, arm: float, mass: float = 0.0, **how: Any
 ) -> None:
-    """Measure a rotor."""
+    """Measure the moment of inertia of a gyroscope's rotor."""
     how |= {"fall_mass": fall_mass, "radius": radius, "arm": arm, "mass": mass}
     _calibrate("rotor", {"files": [fall, precession], **how})
 
 
 def _calibrate(method: str, how: dict[str, Any]) -> None:
-    """Calibrate, write the folder with calibration file and report, and print the result.
+    """Calibrate sensors, write calibration file and report into a folder, and print the result.
 
     `how`: ``files``, options of `insnav.session.bench.calibrate`, and result options.
     """
@@ -213,7 +213,7 @@ def _calibrate(method: str, how: dict[str, Any]) -> None:
 def drift(
     file: Path, columns: str | None = None, out: Path = Path("drift"), force: bool = False, as_json: bool = False
 ) -> None:
-    """Study the drift of gyros."""
+    """Model the drift of MEMS gyros, and smooth the residuals."""
     with working(out, force) as (folder, stage):
         stage("reading")
         from insnav.session.bench import drift as studied
@@ -225,12 +225,12 @@ def drift(
 
 
 def imus(name: str | None = None, as_json: bool = False) -> None:
-    """List real IMUs, or show one."""
+    """List real IMUs, or show all figures of one IMU."""
     from insnav.report.save import facts_of
     from insnav.session.bench import imus as listed
 
-    found = listed(name)
-    result(json.dumps(facts_of(found), indent=2, ensure_ascii=False) if as_json else summary_text(found))
+    outcome = listed(name)
+    result(json.dumps(facts_of(outcome), indent=2, ensure_ascii=False) if as_json else summary_text(outcome))
 
 
 def platform(
@@ -258,7 +258,7 @@ def platform(
     force: bool = False,
     as_json: bool = False,
 ) -> None:
-    """Integrate the specific force on a platform."""
+    """Integrate the specific force measured on a north-pointing platform."""
     configuration = common.configuration(locals())
 
     if demo:
@@ -306,7 +306,7 @@ def platform(
     only=("imu_model", "axes", "units", "lever_arm", "lever_arm_sd", "gps_delay", "gps_height"),
 )
 def tune(data: Data, drives: list[Path], out: Path = Path("tune"), force: bool = False, as_json: bool = False) -> None:
-    """Estimate the noise of an IMU."""
+    """Estimate the noise of an IMU from drives."""
     with working(out, force) as (folder, stage):
         stage("reading")
         from insnav.fleet.tuning import tune as tuned

@@ -37,20 +37,20 @@ def budget(
     force: bool = False,
     as_json: bool = False,
 ) -> None:
-    """Compute a budget."""
+    """Compute the error of an IMU after a time without aiding, by error source."""
     imu = data.inputs.get("imu_model")
     if data.imu is not None and (profile is not None or begin is not None):
         raise ConfigError("cli.drive_and_profile", where="--profile")
     if data.imu is None and (data.gps is not None or data.ref is not None or uncalibrated):
         raise ConfigError("cli.fixes_without_drive", where="DRIVE")
     place = {"lat": data.inputs.get("lat"), "heading": data.inputs.get("heading"), "gravity": gravity}
-    rest = {name: common.finite(value, f"--{name}") for name, value in place.items() if value is not None}
-    if data.imu is not None and {"lat", "gravity"} & rest.keys():
+    known_place = {name: common.finite(value, f"--{name}") for name, value in place.items() if value is not None}
+    if data.imu is not None and {"lat", "gravity"} & known_place.keys():
         raise ConfigError("cli.drive_has_place", where="--lat, --gravity")
-    if abs(rest.get("lat", 0.0)) > 0.5 * math.pi:
+    if abs(known_place.get("lat", 0.0)) > 0.5 * math.pi:
         raise ConfigError("cli.bad_latitude", where="--lat")
     if end is not None:
-        _explain(data, end, max(common.positive_numbers(times, "--times")), rest, (out, force, as_json))
+        _explain(data, end, max(common.positive_numbers(times, "--times")), known_place, (out, force, as_json))
         return
     if data.imu is None and imu is None:
         raise ConfigError("cli.no_imu", where="--imu")
@@ -59,13 +59,13 @@ def budget(
     for value, name in ((first, "--first"), (spacing, "--spacing"), (begin, "--begin")):
         if value is not None:
             common.finite(value, name, largest=1e6)
-    wanted = common.positive_numbers(times, "--times")
-    hold = None if height is None else height == "held"
-    slope = common.not_negative(deflection, "--deflection", largest=3600.0) * UNITS["arcsec"][1]
+    instants = common.positive_numbers(times, "--times")
+    height_held = None if height is None else height == "held"
+    deflection_rad = common.not_negative(deflection, "--deflection", largest=3600.0) * UNITS["arcsec"][1]
     with working(out, force) as (folder, stage):
         from insnav.session.budget import BudgetSettings, budget_of_motion, motion_of
 
-        settings = BudgetSettings(wanted, runs, seed, slope, hold)
+        settings = BudgetSettings(instants, runs, seed, deflection_rad, height_held)
         if data.imu is not None:
             from insnav.errors.budget.from_windows import WindowSettings
 
@@ -77,7 +77,7 @@ def budget(
             from insnav.imu import load_imu
 
             stage("motion")
-            motion = motion_of(profile, begin, settings, rest)
+            motion = motion_of(profile, begin, settings, known_place)
             outcome = budget_of_motion(load_imu(str(imu)), motion, settings, partial(stage, "simulating"))
         if absent := outcome.found.budget.absent:
             note(f"IMU model: {outcome.found.budget.imu}")
@@ -88,12 +88,12 @@ def budget(
 
 
 def _explain(data: Data, end: str, time: float, rest: dict[str, float], how: tuple[Path, bool, bool]) -> None:
-    """Explain the error at the end of a run."""
+    """Explain the position and velocity error at the end of a run by error sources; `end`: ``run`` or numbers."""
     if (end == "run") != (data.imu is not None):
         raise ConfigError("cli.end_of_run", where="--end")
     given = None if end == "run" else common.numbers(end, "--end", 4, "-2.668,-8.231,-0.0803,-0.2754")
-    stated: Any = data.inputs.get("ref_sd")
-    sd = (0.1, 0.005) if stated is None else tuple(stated)
+    given_sd: Any = data.inputs.get("ref_sd")
+    sd = (0.1, 0.005) if given_sd is None else tuple(given_sd)
     if len(sd) != 2:
         raise ConfigError("cli.two_ref_sds", where="--ref-sd")
     out, force, as_json = how
@@ -111,10 +111,10 @@ def _explain(data: Data, end: str, time: float, rest: dict[str, float], how: tup
         if given is None:
             from insnav.result import open_result
 
-            done = open_result(str(data.imu))
-            time, position, velocity = end_of_run(done.found)
-            rest["lat"] = float(done.found.run.solution.lla[-1, 0])
-            spec = spec or (None if done.imu_model is None else done.imu_model[0])
+            saved = open_result(str(data.imu))
+            time, position, velocity = end_of_run(saved.found)
+            rest["lat"] = float(saved.found.run.solution.lla[-1, 0])
+            spec = spec or (None if saved.imu_model is None else saved.imu_model[0])
         else:
             position, velocity = given[:2], given[2:]
         gravity = rest.get("gravity") or gravity_of(at_rest(1.0, **rest))

@@ -1,8 +1,8 @@
 """Console output: results on standard output, progress and errors on standard error; stop requests.
 
-Ctrl-C, SIGTERM and a CPU limit unwind the program, so that incomplete folders are removed. A handler stops the program
-by raising, unless compiled code waits for the interrupted function. An exception raised inside a destructor is lost.
-The signal is therefore repeated until `arrived` is called.
+Ctrl-C, SIGTERM and a CPU limit unwind the program, so that incomplete folders are removed. The signal handler raises
+`Stopped`, unless compiled code waits for the interrupted function. As an exception raised inside a destructor is lost,
+a timer repeats the signal until `arrived` is called.
 """
 
 from __future__ import annotations
@@ -29,21 +29,20 @@ if TYPE_CHECKING:
     from insnav.report.page import Page
     from insnav.result import Result
 
-# without a terminal, a line reports the current work after this, twice, four times this and so on [s]
+# without a terminal, log lines report the current work after this time [s], twice this time, four times, …
 LOGGED = 15.0
-WIDTH = 110  # of a log line without a terminal
+WIDTH = 110  # columns of a log line without a terminal
 CLEARED = "\r\x1b[K"  # clears the progress line of a terminal
-_COLOURS = {"light.good": 32, "light.attention": 33, "light.bad": 31, "run.warning": 33}  # of the terminal
+_COLOURS = {"light.good": 32, "light.attention": 33, "light.bad": 31, "run.warning": 33}  # terminal colour of a phrase
 
 
-level = 0  # of detail: -1 errors only, 0 normal, 1 everything
+level = 0  # amount of output: -1 errors only, 0 normal, 1 everything
 
 
 def result(text: str, *, always: bool = False) -> None:
     """Print the requested result on standard output.
 
-    `always`: also in quiet mode, as the user requested this output.
-
+    `always`: print also in quiet mode, as the user requested this output.
     Raises: OutputError: standard output fails, such as a file on a full disk. BrokenPipeError: its reader closed it.
     """
     if level < 0 and not always:
@@ -65,16 +64,16 @@ def result_facts(folder: Path) -> None:
 
 
 def files_line(folder: Path, out: Path) -> str:
-    """List the content of a finished folder, subfolders once, the most readable first.
+    """List the content of a finished folder in one line, each subfolder once, the most readable files first.
 
-    `folder`: with its ``run.json``. `out`: name as specified.
+    `folder`: contains ``run.json``. `out`: name of the folder as the user specified it.
     """
     from insnav.messages import form, phrase
     from insnav.output.folder import read_facts
 
-    found = {name.split("/")[0] for name in read_facts(folder).get("files", {})} | {"run.json"}
-    first = [name for name in ("report.html", "figures", "run.json") if name in found]
-    others = len(found) - len(first)
+    present = {name.split("/")[0] for name in read_facts(folder).get("files", {})} | {"run.json"}
+    first = [name for name in ("report.html", "figures", "run.json") if name in present]
+    others = len(present) - len(first)
     return phrase("terminal.files", folder=out, names=form("list").join(first), others=others)
 
 
@@ -90,7 +89,7 @@ def result_page(folder: Path, page: Page, out: Path, *, as_json: bool, more: Ite
 
 
 def shown_page(page: Page, files: str = "") -> str:
-    """Write a report for the terminal: in a few lines, or all of it in verbose mode."""
+    """Write a report for the terminal: a few lines, or the whole report in verbose mode."""
     from insnav.messages import phrase
     from insnav.report.terminal import brief_text, hanging, page_text
 
@@ -102,10 +101,7 @@ def shown_page(page: Page, files: str = "") -> str:
 
 
 def write_result(outcome: Result[Any], folder: RunFolder, stage: Stages, **how: Any) -> Path:
-    """Write a result into its folder; return the finished folder.
-
-    `how`: arguments of `insnav.report.save.save_result`.
-    """
+    """Write a result by `insnav.report.save.save_result`, with the arguments `how`; return the finished folder."""
     stage("writing")
     from insnav.report.save import save_result
 
@@ -114,19 +110,19 @@ def write_result(outcome: Result[Any], folder: RunFolder, stage: Stages, **how: 
 
 
 def summary_text(outcome: Result[Any]) -> str:
-    """Summarise a result in lines of the terminal width, without wrapping elsewhere."""
+    """Summarise a result in lines of the terminal width; without a terminal, lines are not wrapped."""
     from insnav.report.save import text_of
 
     return text_of(outcome, terminal_width())
 
 
 def terminal_width() -> int | None:
-    """Return the columns of the terminal for results; None for other outputs."""
+    """Return the number of terminal columns; None if standard output is no terminal."""
     return shutil.get_terminal_size().columns if sys.stdout.isatty() else None
 
 
 def coloured(text: str) -> str:
-    """Colour the rating at the start of a line, on a terminal with colours."""
+    """Colour the ratings at the starts of lines, if the terminal has colours."""
     if not sys.stdout.isatty() or os.environ.get("NO_COLOR") or os.environ.get("TERM") == "dumb":
         return text
     from insnav.messages import phrase
@@ -138,7 +134,7 @@ def coloured(text: str) -> str:
 
 
 def quiet_figures() -> None:
-    """Suppress matplotlib's log on its cache."""
+    """Suppress log messages of matplotlib, such as on its cache."""
     import logging
 
     logging.getLogger("matplotlib").setLevel(logging.ERROR)
@@ -151,7 +147,7 @@ def discard_output() -> None:
 
 
 def error_block(error: InsnavError) -> None:
-    """Print one error: its fact, location, reason, correction and code."""
+    """Print one error: statement, location, evidence, advice and code."""
     from insnav.messages import form
 
     lines = [f"insnav: {form('error')} {_plain(error.what)}"]
@@ -165,7 +161,7 @@ def error_block(error: InsnavError) -> None:
 
 
 def note(text: str) -> None:
-    """Print one entry of the log."""
+    """Print one log entry on standard error, in the language of the messages."""
     from insnav.messages import translated
 
     if level >= 0:
@@ -177,17 +173,17 @@ def note_warnings(outcome: Result[Any]) -> None:
     from insnav.findings import Severity
     from insnav.messages import sentence
 
-    for each in outcome.findings:
-        if each.severity >= Severity.WARNING:
-            note(sentence(each))
+    for finding in outcome.findings:
+        if finding.severity >= Severity.WARNING:
+            note(sentence(finding))
 
 
 def detail(text: str, *more: str) -> None:
-    """Print one log entry with details, in verbose mode."""
+    """Print one log entry and its details, only in verbose mode."""
     if level > 0:
         note(text)
-        for each in more:
-            _log(each, "        ")
+        for line in more:
+            _log(line, "        ")
 
 
 def _log(text: str, lead: str, stream: TextIO | None = None) -> None:
@@ -210,7 +206,7 @@ def _plain(text: str) -> str:
 
 @contextlib.contextmanager
 def working(out: Path, force: bool | Literal["keep"]) -> Iterator[tuple[RunFolder, Stages]]:
-    """Provide the output folder of a command, complete or absent at the end, and its stages of work."""
+    """Provide the output folder of a command, complete or absent at the end, and the display of its stages."""
     from insnav.output.folder import RunFolder
 
     with RunFolder(out, force=force) as folder, Stages() as stage:
@@ -222,13 +218,13 @@ def working(out: Path, force: bool | Literal["keep"]) -> Iterator[tuple[RunFolde
 
 
 class Stages(progress.Stages):
-    """Stages displayed on a redrawn terminal line, else by occasional log lines.
+    """Display of stages on a redrawn terminal line; without a terminal, by occasional log lines.
 
     Use it inside the context manager that removes incomplete output.
     """
 
     def __init__(self) -> None:
-        stream = sys.stderr  # the current stream: fleet drives run silently
+        stream = sys.stderr  # the stream at this time: `insnav batch` replaces it for each drive
         if stream.isatty():
             waits: Iterable[float] = itertools.chain((progress.DELAY,), itertools.repeat(progress.REDRAWN))
         else:
@@ -241,21 +237,21 @@ class Stages(progress.Stages):
 
 
 def _show(stream: TextIO, line: str) -> None:
-    """Write a line over the previous one, or to a log."""
+    """Write the progress line over the previous line of the terminal, or as an entry of the log."""
     if stream.isatty():
         print(CLEARED + line[: shutil.get_terminal_size().columns - 1], end="", file=stream, flush=True)
     elif line:
         _log(line, "insnav: ", stream)
 
 
-# Windows has no limit of the CPU time
+# signals that stop the program; Windows has no SIGXCPU, which signals a limit of the CPU time
 STOPS = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGXCPU") if hasattr(signal, name))
-PATIENCE = 0.2  # before a request is repeated [s]
-# Compiled code calls functions of these modules and does not check for exceptions: raising there crashes the process.
+PATIENCE = 0.2  # time before the signal of a stop request is repeated [s]
+# compiled code calls functions of these modules without checking for exceptions: raising there crashes the process
 UNCHECKED = "llvmlite.binding", "numba.core.serialize"
 
-_repeat = threading.Timer(PATIENCE, signal.raise_signal)  # not started
-_requested = _heard = False
+_repeat = threading.Timer(PATIENCE, signal.raise_signal)  # repeats the signal; not started yet
+_requested = _heard = False  # a stop was requested; its exception has arrived
 
 
 class Stopped(BaseException):
@@ -274,13 +270,13 @@ def listen() -> None:
 
 
 def over() -> None:
-    """Ignore further requests: the work is done, and stopping would resemble a failure."""
+    """Ignore further stop requests: the work is done, and stopping now would look like a failure."""
     for number in STOPS:
         signal.signal(number, signal.SIG_IGN)
 
 
 def arrived() -> None:
-    """Stop repeating the request, including a repetition in progress: unwinding must not be disturbed."""
+    """Stop repeating the signal, since its exception has arrived: another exception would disturb unwinding."""
     global _heard
     _heard = _requested
     _repeat.cancel()
@@ -295,6 +291,7 @@ def _stop(number: int, frame: FrameType | None) -> None:
     _repeat = threading.Timer(PATIENCE, signal.raise_signal, (number,))
     _repeat.daemon = True
     _repeat.start()
+    # compiled code among the callers may not check for exceptions: then wait for the repeated signal
     while frame is not None and not frame.f_globals["__name__"].startswith(UNCHECKED):
         frame = frame.f_back
     if frame is None:
@@ -302,6 +299,6 @@ def _stop(number: int, frame: FrameType | None) -> None:
 
 
 def _unless_stopped(lost: sys.UnraisableHookArgs) -> None:
-    """Suppress reports of lost exceptions while stopping: the request, or destructors of incomplete objects."""
+    """Suppress reports of exceptions lost in destructors while stopping: stop request, errors of incomplete objects."""
     if not _requested:
         sys.__unraisablehook__(lost)

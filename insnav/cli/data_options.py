@@ -1,7 +1,7 @@
 """Options that describe a recording: built from one table, and passed to a command as one value.
 
-A command on a recording has `data` as its first parameter and the decorator `takes_data`. Its other parameters are its
-own options.
+A command on a recording has the decorator `takes_data`, and `data` as its first parameter. Its other parameters are
+options of this command alone.
 """
 
 from __future__ import annotations
@@ -31,10 +31,10 @@ if TYPE_CHECKING:
     from insnav.session.drive import Drive
     from insnav.types import ImuData
 
-_findings, _messages = library("insnav.findings"), library("insnav.messages")  # the help needs no catalogue
+_findings, _messages = library("insnav.findings"), library("insnav.messages")  # imported on first use, not for --help
 _explanation = library("insnav.report.save")
 
-READING = ("axes", "units", "columns", "sampling", "stamp")  # inputs for reading samples
+READING = ("axes", "units", "columns", "sampling", "stamp")  # inputs that affect the reading of samples
 _IMU_HELP = "IMU data, or a log with IMU and GPS: a file of any supported format, a folder, or - for standard input."
 _SECOND_HELP = "GPS fixes, as with --gps; the content of two files determines which has the IMU data."
 _FILE_HELP = {
@@ -47,13 +47,13 @@ _READER_OPTION = re.compile(r"imu-[a-z]+")
 
 @dataclass(frozen=True, slots=True)
 class Data:
-    """Recording as specified on the command line."""
+    """Files and inputs of a recording, as specified on the command line."""
 
-    # files
+    # input files; None if not specified
     imu: Path | None
     gps: Path | None
     ref: Path | None
-    inputs: Inputs  # inputs specified with them
+    inputs: Inputs  # other specified inputs
     options: dict[str, Any]  # all specified options of the command, ready for JSON
 
     def read_imu(self, stage: Stages, use: Use | None = None) -> Reading[ImuData]:
@@ -68,7 +68,7 @@ class Data:
         return reading
 
     def load(self, stage: Stages) -> Drive:
-        """Read the recording, log its interpretation, and choose unspecified inputs."""
+        """Read the recording, log its interpretation, and choose the inputs that the user did not specify."""
         from insnav.session.drive import drive_of
         from insnav.session.read import read
 
@@ -83,7 +83,7 @@ class Data:
         return drive
 
     def save(self, outcome: Result[Any], folder: RunFolder, stage: Stages, **how: Any) -> tuple[Result[Any], Path]:
-        """Save a result with the specified options; return it with these, and the finished folder.
+        """Save a result together with the specified options; return the result with options, and the finished folder.
 
         `how`: arguments of `insnav.report.save.save_result`.
         """
@@ -97,14 +97,14 @@ class Data:
 
 
 def say_scale(facts: Any) -> None:
-    """Print the assumed scale of gyros that no fixes contradict; -v prints it anyway."""
+    """Print the assumed gyro scale, which no fixes can check; with -v, `say_reading` has already printed it."""
     codes = _findings.Code.UNITS_GYRO_ASSUMED, _findings.Code.READ_IMU_MODEL_BY_GRAVITY
     for assumed in _findings.of_code(facts.evidence, *codes) if console.level == 0 else ():
         note(_messages.sentence(assumed))
 
 
 def check_usable(outcome: Result[Any]) -> None:
-    """Exit with code 1 if the result is complete but unreliable: the rule of all commands."""
+    """Raise a `CheckError` (exit code 1) if the result is complete but unreliable; a rule for all commands."""
     for lost in outcome.findings:
         if lost.severity is _findings.Severity.UNUSABLE:
             raise CheckError("cli.unusable", cause=lost)
@@ -123,81 +123,81 @@ def takes_data(
 ) -> Callable[[Callable[..., None]], Callable[..., None]]:
     """Add the options that describe a recording to a command.
 
-    `imu`: name of the argument with the IMU data; None for a command without. `files`: ``gps``, ``ref``: whether it is
-    required; by default neither, as a log may contain fixes. `without`, `only`: inputs to exclude, or to include alone.
+    `imu`: name of the argument with the IMU data; None for a command without. `files`: options ``gps``, ``ref``: True
+    if required; by default both optional, as a log may contain fixes. `without`, `only`: inputs to exclude or to allow.
     """
     wanted = {"gps": False, "ref": False} if files is None else files
     logs = {} if only is not None or "logs" in without else LOGS
-    keys = [key for key, each in INPUTS.items() if each.option and key not in without and (only is None or key in only)]
+    keys = [key for key, what in INPUTS.items() if what.option and key not in without and (only is None or key in only)]
 
     def decorate(function: Callable[..., None]) -> Callable[..., None]:
-        own = list(inspect.signature(function, eval_str=True).parameters.values())[1:]
+        own_parameters = list(inspect.signature(function, eval_str=True).parameters.values())[1:]
         parameters = [_parameter("imu_file", Path, argument(imu, _IMU_HELP), needed=not optional)] if imu else []
         if imu and "gps" in wanted:
             parameters.append(_parameter("gps_file", Path, argument("GPS_FILE", _SECOND_HELP)))
         for name, needed in wanted.items():
             parameters.append(_parameter(name, Path, option(FILES, "FILE", _FILE_HELP[name]), needed=needed))
         parameters += [_option(INPUTS[key]) for key in keys]
-        parameters += [_option(each) for each in logs.values()]
-        parameters += own
+        parameters += [_option(log) for log in logs.values()]
+        parameters += own_parameters
 
         @functools.wraps(function)
         def command(**options: Any) -> None:
             inputs = {key: _value(INPUTS[key], options[_name(INPUTS[key])]) for key in keys}
             inputs["logs"] = {
-                key: file for key, each in logs.items() if (file := options[_name(each)]) is not None
+                key: file for key, log in logs.items() if (file := options[_name(log)]) is not None
             } or None
             if (second := options.pop("gps_file", None)) is not None:
                 options["imu_file"], options["gps"] = _told_apart(options["imu_file"], second, options["gps"])
             imu, gps, ref = (options.get(name) for name in ("imu_file", "gps", "ref"))
             data = Data(imu, gps, ref, cast(Inputs, inputs), common.configuration(options))
             try:
-                function(data, **{each.name: options[each.name] for each in own})
+                function(data, **{item.name: options[item.name] for item in own_parameters})
             except OutputError:
                 _refuse_nothing(data.imu, data.gps, data.ref)
                 raise
 
         keyword = inspect.Parameter.KEYWORD_ONLY
-        command.__dict__["__signature__"] = inspect.Signature([each.replace(kind=keyword) for each in parameters])
-        command.__annotations__ = {each.name: each.annotation for each in parameters}
+        command.__dict__["__signature__"] = inspect.Signature([item.replace(kind=keyword) for item in parameters])
+        command.__annotations__ = {item.name: item.annotation for item in parameters}
         return command
 
     return decorate
 
 
 def _told_apart(first: Path, second: Path, gps: Path | None) -> tuple[Path, Path]:
-    """Put the file with samples before the file with fixes, identified as in `insnav check`; ``-`` is read once."""
+    """Order two files: first samples, then fixes, identified as in `insnav check`. Keep the order if one is ``-``."""
     if gps is not None:
         raise ConfigError("cli.fixes_twice", where="--gps", file=str(second))
     if "-" in (str(first), str(second)):
         return first, second
     from insnav.input.readers.kinds import kinds_of, open_parts
 
-    held = kinds_of(open_parts(first))
-    swapped = "imu" in kinds_of(open_parts(second), imu_known="imu" in held) and "imu" not in held
+    first_kinds = kinds_of(open_parts(first))
+    swapped = "imu" in kinds_of(open_parts(second), imu_known="imu" in first_kinds) and "imu" not in first_kinds
     return (second, first) if swapped else (first, second)
 
 
 def _refuse_nothing(*files: Path | None) -> None:
-    """Raise an error for missing or empty input files. It precedes the error of an unusable output folder."""
-    for each in files:
-        if each is None or str(each) == "-" or (each.exists() and (not each.is_file() or each.stat().st_size)):
+    """Raise the error for a missing or empty input file, which precedes the error of an unusable output folder."""
+    for file in files:
+        if file is None or str(file) == "-" or (file.exists() and (not file.is_file() or file.stat().st_size)):
             continue
         from insnav.input.formats.source import open_source
 
-        open_source(each)
+        open_source(file)
 
 
 def _option(what: Input) -> inspect.Parameter:
-    literal: Any = Literal  # of words that are known only here
+    literal: Any = Literal  # untyped: the type checker does not know the choices
     kind = literal[what.choices] if what.choices else {"file": Path, "number": float}.get(what.kind, str)
-    more = {"parser": functools.partial(common.number_in, what.unit, what.option)} if what.kind == "number" else {}
-    return _parameter(_name(what), kind, option(what.group, what.metavar, what.meaning, what.option, **more))
+    parser = {"parser": functools.partial(common.number_in, what.unit, what.option)} if what.kind == "number" else {}
+    return _parameter(_name(what), kind, option(what.group, what.metavar, what.meaning, what.option, **parser))
 
 
 def _parameter(name: str, kind: Any, how: Any, *, needed: bool = False) -> inspect.Parameter:
     default = inspect.Parameter.empty if needed else None
-    annotated: Any = Annotated  # with a type that is known only here
+    annotated: Any = Annotated  # untyped: the type checker does not know `kind`
     return inspect.Parameter(
         name,
         inspect.Parameter.KEYWORD_ONLY,
@@ -206,7 +206,7 @@ def _parameter(name: str, kind: Any, how: Any, *, needed: bool = False) -> inspe
     )
 
 
-def _name(what: Input) -> str:
+def _name(what: Input) -> str:  # of the command's parameter for an input
     return what.option.lstrip("-").replace("-", "_")
 
 
@@ -226,10 +226,7 @@ def _value(what: Input, given: Any) -> Any:
 
 
 def as_option(where: str) -> str:
-    """Name the origin of an error: the option of an input, anything else unchanged.
-
-    `where`: of an `InsnavError`: ``lever_arm`` becomes ``--lever-arm``.
-    """
+    """Replace the name of an input by its option in the location of an error: ``lever_arm`` by ``--lever-arm``."""
     return _FIRST_WORD.sub(lambda found: _option_of(found[0]), where)
 
 
@@ -240,12 +237,12 @@ def _option_of(word: str) -> str:
 
 
 def say_reading(facts: ReadingFacts) -> None:
-    """Log the interpretation of a file, without the obvious."""
+    """Log the interpretation of a file, without columns that keep their names and units that the file states."""
     head, *_ = facts.lines()
     renamed = _renamed(facts.columns)
     columns = [f"columns: {renamed}; the others by their names"] if renamed else []
     stated = _findings.Code.UNITS_STATED
-    detail(head, *columns, *(_messages.sentence(each) for each in facts.evidence if each.code != stated))
+    detail(head, *columns, *(_messages.sentence(finding) for finding in facts.evidence if finding.code != stated))
 
 
 def _renamed(columns: Mapping[str, str]) -> str:
@@ -259,11 +256,8 @@ def _renamed(columns: Mapping[str, str]) -> str:
 
 
 def compile_at_first(*files: Path) -> None:
-    """Compile the kernels at the first use after an installation, and log the reason for the delay.
-
-    Skipped if one of `files` is missing, to report that at once.
-    """
-    if not all(file.exists() for file in files):
+    """Compile the kernels at the first use after an installation, and log the reason for the delay."""
+    if not all(file.exists() for file in files):  # the error of a missing file must not wait
         return
     from insnav.kernels import ahead, errorstate
 

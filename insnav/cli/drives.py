@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 @takes_data(without=("logs", "explain", "faults"))
 def align(data: Data, out: Path = Path("alignment"), force: bool = False, as_json: bool = False) -> None:
-    """Align a static record."""
+    """Compute the initial attitude from a record at rest."""
     if data.gps is None and data.inputs.get("lat") is None:
         raise ConfigError("session.no_latitude", where="--lat")
     with console.working(out, force) as (folder, stage):
@@ -34,7 +34,7 @@ def align(data: Data, out: Path = Path("alignment"), force: bool = False, as_jso
         outcome = drive.align()
         read = {event for reading in drive.recording.given().values() for event in reading.events}
         for finding in outcome.findings:
-            if finding not in read and finding is not drive.imu_chosen:  # the table and -v already contain these
+            if finding not in read and finding is not drive.imu_chosen:  # the other findings are in the table or by -v
                 console.note(sentence(finding))
         outcome, where = data.save(outcome, folder, stage)
     console.result_page(where, outcome.page(), out, as_json=as_json)
@@ -42,25 +42,25 @@ def align(data: Data, out: Path = Path("alignment"), force: bool = False, as_jso
 
 @takes_data(None, only=(*READING, "topic", "time_offset", "lever_arm", "gps_height", "gps_columns"))
 def check(data: Data, files: list[Path], out: Path | None = None, force: bool = False, as_json: bool = False) -> None:
-    """Examine files."""
+    """Examine the files of a recording; print problems, and the command that navigates them."""
     with console.Stages() as stage:
         from insnav.session.check import check as checked
 
         compile_at_first(*files, *filter(None, (data.gps, data.ref)))
         stage("reading")
-        found = replace(checked(*files, gps=data.gps, ref=data.ref, **data.inputs), options=data.options)
-    where = None if out is None else found.save(out, force=force, figures="page")
+        outcome = replace(checked(*files, gps=data.gps, ref=data.ref, **data.inputs), options=data.options)
+    where = None if out is None else outcome.save(out, force=force, figures="page")
     if not as_json:
         from insnav.report.check.page import text
 
-        console.result(console.coloured(text(found, console.terminal_width(), brief=console.level <= 0)))
+        console.result(console.coloured(text(outcome, console.terminal_width(), brief=console.level <= 0)))
     elif where is not None:
         console.result_facts(where)
     else:
         from insnav.report.save import facts_of, versions
 
-        console.result(json.dumps({"kind": "check", "versions": versions(), **facts_of(found)}, indent=2))
-    if not found.found.runs_as_given:
+        console.result(json.dumps({"kind": "check", "versions": versions(), **facts_of(outcome)}, indent=2))
+    if not outcome.found.runs_as_given:
         raise typer.Exit(1)
 
 
@@ -73,7 +73,7 @@ def compare(
     force: bool = False,
     as_json: bool = False,
 ) -> None:
-    """Compare runs."""
+    """Compare the accuracy of several runs against one reference."""
     from insnav.output.folder import RunFolder
     from insnav.session.comparison import compare as compared
 
@@ -82,19 +82,19 @@ def compare(
     if out is not None:
         console.quiet_figures()
         outcome.save(out, force=force)
-    found = outcome.found
+    comparison = outcome.found
     if tum is not None:
         from insnav.output.track_files import tum_files
 
-        errors = {name: (each.position, each.attitude) for name, each in found.named().items()}
+        errors = {name: (run.position, run.attitude) for name, run in comparison.named().items()}
         with RunFolder(tum, force=force) as folder:
-            for name, text in tum_files(found.reference, found.compared[0].errors.time, errors).items():
+            for name, text in tum_files(comparison.reference, comparison.compared[0].errors.time, errors).items():
                 folder.path(name).write_text(text, encoding="utf-8", newline="\n")
             folder.commit({"runs": [str(run) for run in runs]})
     if as_json:
         from insnav.report.save import json_ready
 
-        console.result(json.dumps(json_ready(found.rows()), indent=1, ensure_ascii=False))
+        console.result(json.dumps(json_ready(comparison.rows()), indent=1, ensure_ascii=False))
     else:
         console.result(console.shown_page(outcome.page()))
 
@@ -106,7 +106,7 @@ def demo(context: typer.Context, out: Path = Path("demo"), force: bool = False) 
 
     imu, gps, reference = (str(path) for path in sample_drive())
     arguments = [imu, "--gps", gps, "--ref", reference, "--lever-arm", "0.8,-0.3,-1.2", "--out", str(out)]
-    typer.echo("$ " + shlex.join(["insnav", "run", *arguments]), err=True)  # not wrapped, for copying
+    typer.echo("$ " + shlex.join(["insnav", "run", *arguments]), err=True)  # without line breaks, to be copied
     run = commands("run").commands["run"]
     with run.make_context("run", arguments, parent=context.find_root()) as inner:
         inner.params["force"] = force
@@ -125,7 +125,7 @@ def outage(
     force: bool = False,
     as_json: bool = False,
 ) -> None:
-    """Simulate outages."""
+    """Simulate GNSS outages all over a recorded drive."""
     wanted = common.positive_numbers(lengths, "--lengths")
     for value, name in ((first, "--first"), (spacing, "--spacing")):
         if value is not None:
@@ -148,29 +148,29 @@ def report(
     pdf: bool = False,
     as_json: bool = False,
 ) -> None:
-    """Draw a run again."""
+    """Write page and figures of a saved result again."""
     from insnav.result import open_result
 
-    opened, whole = open_result(run), run.resolve()
+    saved, folder = open_result(run), run.resolve()
     console.quiet_figures()
-    opened = with_backdrop(opened, backdrop)
+    saved = with_backdrop(saved, backdrop)
     if pdf:
         from insnav.report.save import write_result_pdf
 
-        file = whole.with_name(f"{whole.name}.pdf")
-        write_result_pdf(opened, file)
+        file = folder.with_name(f"{folder.name}.pdf")
+        write_result_pdf(saved, file)
         console.result(f"files: {file}")
         return
-    out = out or whole.with_name(f"{whole.name}_report")
-    where = opened.save(out, force=force, figures=figures)
+    out = out or folder.with_name(f"{folder.name}_report")
+    where = saved.save(out, force=force, figures=figures)
     if as_json:
         console.result_facts(where)
     else:
-        console.result(f"{console.summary_text(opened)}\n{console.files_line(where, out)}")
+        console.result(f"{console.summary_text(saved)}\n{console.files_line(where, out)}")
 
 
 def with_backdrop(opened: Result[Any], file: Path | None) -> Result[Any]:
-    """Add the lines of a file to the background of a run's map, if any."""
+    """Add the lines of a file to the background of a run's map; without a file, return the run unchanged."""
     if file is None:
         return opened
     from insnav.report.run.page import read_backdrop
@@ -197,7 +197,7 @@ def require(
     force: bool = False,
     as_json: bool = False,
 ) -> None:
-    """Compute a requirement."""
+    """Compute the largest sensor errors that meet a limit on the position error after a time without GPS."""
     if data.imu is not None and profile is not None:
         raise ConfigError("cli.drive_and_profile", where="--profile")
     if data.imu is None and (data.gps is not None or data.ref is not None):

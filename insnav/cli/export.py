@@ -10,7 +10,7 @@ from insnav.cli.console import note, result
 from insnav.exceptions import OutputError, writing
 
 Kind = Literal["gpx", "kml", "geojson", "tum", "euroc", "pos", "nmea", "sbet", "smrmsg", "bag", "csv", "utm", "ecef"]
-# other files are track.FORMAT
+# names of output files; for other formats track.FORMAT
 _OWN_NAMES = {
     "euroc": "track.euroc.csv",
     "sbet": "sbet_track.out",
@@ -32,7 +32,7 @@ def export(
     week: int | None = None,
     force: bool = False,
 ) -> None:
-    """Write a run in another format."""
+    """Write a run in the format of another program."""
     import numpy as np
 
     from insnav.input.readers.rows import read_epochs
@@ -44,10 +44,10 @@ def export(
     kinds = {path: to}
     if to == "sbet":
         kinds[path.with_name(f"smrmsg_{path.name.removeprefix('sbet_')}")] = "smrmsg"
-    for each in kinds:
-        if each.exists() and not force:
-            raise OutputError("cli.file_exists", where=str(each))
-    track, found = track_of(
+    for file in kinds:
+        if file.exists() and not force:
+            raise OutputError("cli.file_exists", where=str(file))
+    track, findings = track_of(
         run,
         solution="poses" if poses else "filtered" if filtered else None,
         week=week,
@@ -55,10 +55,10 @@ def export(
         epochs=None if epochs is None else read_epochs(epochs),
         point=None if point is None else np.array(common.vector(point, "--point")),
     )
-    contents = {each: encoded(track, kind) for each, kind in kinds.items()}
-    for finding in found:
+    contents = {file: encoded(track, kind) for file, kind in kinds.items()}
+    for finding in findings:
         note(sentence(finding))
-    for each, content in contents.items():
-        with writing("output.file_unwritable", each):
-            each.write_bytes(content)
+    for file, content in contents.items():
+        with writing("output.file_unwritable", file):
+            file.write_bytes(content)
     result(f"{entry('files', '')}{' '.join(map(str, kinds))}")

@@ -1,4 +1,4 @@
-"""Help of the commands: texts, and options in named groups; plain text, as importing rich takes too long."""
+"""Help of the commands: texts, and options in named groups, as plain text, since importing rich takes too long."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ from insnav.findings import catalogue
 from insnav.messages import language, translated
 from insnav.plain_text import in_columns
 
-_TYPE = re.compile(r" <[^>]*>$")  # Python's type of an argument after its name
-_TWICE = re.compile(r"(?<=\])\s+\[(default: [^]]*|[-\d.<=>x]+)\]$")  # repeated default or range, already in the text
-_WHOLE = re.compile(r"(\[default: -?\d+)\.0\]")
+_TYPE = re.compile(r" <[^>]*>$")  # type that typer writes after the name of an argument
+_TWICE = re.compile(r"(?<=\])\s+\[(default: [^]]*|[-\d.<=>x]+)\]$")  # default or range that typer adds to a text
+_WHOLE = re.compile(r"(\[default: -?\d+)\.0\]")  # default that is a whole number with a needless decimal
 _HEADING = re.compile(r"(?m)^[A-Z][A-Za-z ]*(?=:)|(?<=\[)(?:default(?=:)|required(?=\]))")
 _TEXTS = Path(__file__).parent / "texts"
 
@@ -26,11 +26,11 @@ def help_of(command: str) -> dict[str, Any]:
     `command`: such as ``run`` or ``calibrate/gyro``. Returns: ``help`` and ``short_help`` for typer.
     """
     short, _, text = (_TEXTS / f"{command}.txt").read_text(encoding="utf-8").rpartition("---\n")
-    if own := catalogue(f"help.{language()}").get(command):  # its prose; examples are in the file
-        prose = iter(own["text"])
-        blocks = (_block(each) if each.startswith("\\b") else in_columns(next(prose)) for each in text.split("\n\n"))
+    if translation := catalogue(f"help.{language()}").get(command):  # translated prose; examples stay as in the file
+        prose = iter(translation["text"])
+        blocks = (_block(block) if block.startswith("\\b") else in_columns(next(prose)) for block in text.split("\n\n"))
         text = "\n\n".join(blocks)
-        short = in_columns(own["short"])
+        short = in_columns(translation["short"])
     return {"help": text.replace("\\b\n", "\b\n"), "short_help": (short or text).partition("\n")[0]}
 
 
@@ -40,7 +40,7 @@ def _block(text: str) -> str:
 
 
 class _Light:
-    """Mixin without pydantic, which is slow to import; typer uses it for texts, paths, choices and defaults."""
+    """Mixin that converts texts, paths, choices and defaults itself: typer would import pydantic, which is slow."""
 
     def get_params(self, ctx: Any) -> list[Any]:
         params: list[Any] = super().get_params(ctx)  # type: ignore[misc]
@@ -57,14 +57,14 @@ class _Light:
 
 
 class LightGroup(_Light, TyperGroup):
-    """Group of the commands."""
+    """Group of commands, without pydantic."""
 
 
 class GroupedCommand(_Light, TyperCommand):
-    """Command whose help lists options by panel."""
+    """Command whose help lists options in groups."""
 
     def format_options(self, ctx: Any, formatter: Any) -> None:
-        """Write the groups in the order of their first option."""
+        """Write the options in their groups, which are in the order of their first option."""
         groups: dict[str, list[tuple[str, str]]] = {}
         for param in self.get_params(ctx):
             record = param.get_help_record(ctx)
@@ -76,11 +76,12 @@ class GroupedCommand(_Light, TyperCommand):
                 formatter.write_dl(records)
 
     def collect_usage_pieces(self, ctx: Any) -> list[str]:
-        """Write arguments in the usual form: RUN, not {RUN}."""
+        """Return the arguments of the usage line in the usual form: RUN, not {RUN}."""
         return [piece.replace("{", "").replace("}", "") for piece in super().collect_usage_pieces(ctx)]
 
 
 def _processed(param: Any, ctx: Any, value: Any) -> Any:
+    # convert texts, paths, choices and defaults here; typer converts other values, and reports wrong ones
     kind = getattr(getattr(param, "type_descriptor", None), "annotation", None)
     source = ctx.get_parameter_source(param.name)
     if param.nargs != 1 or getattr(param, "multiple", False) or source is None or (param.required and value is None):

@@ -1,4 +1,4 @@
-"""Options: declarations, conversion of texts to values, and options of several commands with one name and help text."""
+"""Options: declarations with help texts, which several commands may share, and conversion of texts to values."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ from insnav.library import library
 if TYPE_CHECKING:
     from insnav.types import FloatArray
 
-FILES = "Files"  # group of the help
-# group and placeholder of values that may name a file in insnav folders, or a profile
+FILES = "Files"  # help group of options for files
+# options whose value may be a library name, by help group and placeholder: folders of the library, () for profiles
 _NAMED: dict[tuple[str, str | None], tuple[str, ...]] = {
     ("IMU", "MODEL"): ("imu/grades", "imu/parts"),
     ("IMU", "PART"): ("imu/parts",),
@@ -31,8 +31,8 @@ _NAMED: dict[tuple[str, str | None], tuple[str, ...]] = {
 def option(group: str, value: str | None, meaning: str, *names: str, **more: Any) -> Any:
     """Declare an option.
 
-    `group`: of the option in the help. `value`: placeholder of its value, None for a flag. `names`: if they differ from
-    the parameter's. `more`: arguments of `typer.Option`.
+    `group`: group in the help. `value`: placeholder of the value, None for a flag. `names`: names of the option, if
+    they differ from the parameter's name. `more`: arguments of `typer.Option`.
     """
     named = _named(group, value)
     return typer.Option(*names, metavar=value, help=meaning, rich_help_panel=group, autocompletion=named, **more)
@@ -45,19 +45,19 @@ def argument(value: str, meaning: str, group: str = FILES) -> Any:
 
 
 def _named(group: str, value: str | None) -> Callable[[str], list[str]] | None:
-    """Return the completion of library names, if applicable; the shell completes files itself."""
+    """Return the function that completes library names, or None; the shell completes file names itself."""
     if (folders := _NAMED.get((group, value))) is None:
         return None
 
     def begun(incomplete: str) -> list[str]:
-        files = [each for name in folders for each in (Path(__file__).parents[1] / name).glob("*.toml")] or library()
-        stems = sorted(each.stem for each in files if each.stem.startswith(incomplete.lower()))
-        return [incomplete + stem[len(incomplete) :] for stem in stems]  # a part may have any spelling
+        files = [file for name in folders for file in (Path(__file__).parents[1] / name).glob("*.toml")] or library()
+        stems = sorted(file.stem for file in files if file.stem.startswith(incomplete.lower()))
+        return [incomplete + stem[len(incomplete) :] for stem in stems]  # keep typed letters, maybe capitals
 
     return begun
 
 
-def _engine(text: str) -> str:
+def _engine(text: str) -> str:  # checks an engine before anything is computed
     from insnav.engine import engine_of
 
     engine_of(text)
@@ -65,7 +65,7 @@ def _engine(text: str) -> str:
 
 
 def _force(context: typer.Context, value: bool) -> bool | Literal["keep"]:
-    """Keep an existing result of the default folder without --force; see `insnav.output.folder.RunFolder`."""
+    """Return --force, or ``keep`` for the default folder without it; see `insnav.output.folder.RunFolder`."""
     source = context.get_parameter_source("out")
     default = source is not None and source.name == "DEFAULT" and context.params.get("out") is not None
     return value or ("keep" if default else False)
@@ -82,18 +82,18 @@ def _texts() -> dict[str, dict[str, dict[str, Any]]]:
 def declared(function: Callable[..., None], command: str) -> Callable[..., None]:
     """Declare the parameters of a command as in ``options.toml``; typer reads the signature.
 
-    `command`: such as ``run`` or ``calibrate/gyro``; its group and all commands share texts.
+    `command`: such as ``run`` or ``calibrate/gyro``. Its group and all commands share texts.
     """
     tables = [_texts().get(name, {}) for name in (command, command.partition("/")[0], "shared")]
-    annotated: Any = Annotated  # with a type that is known only here
+    annotated: Any = Annotated  # untyped: the type checker does not know the type
     parameters = []
-    for each in inspect.signature(function, eval_str=True).parameters.values():
-        how = next((table[each.name] for table in tables if each.name in table), None)
-        if how is not None and get_origin(each.annotation) is not Annotated:
-            each = each.replace(annotation=annotated[each.annotation, _declaration(each.name, **how)])
-        parameters.append(each)
+    for param in inspect.signature(function, eval_str=True).parameters.values():
+        texts = next((table[param.name] for table in tables if param.name in table), None)
+        if texts is not None and get_origin(param.annotation) is not Annotated:
+            param = param.replace(annotation=annotated[param.annotation, _declaration(param.name, **texts)])
+        parameters.append(param)
     function.__dict__["__signature__"] = inspect.Signature(parameters)
-    function.__annotations__ = {each.name: each.annotation for each in parameters}
+    function.__annotations__ = {param.name: param.annotation for param in parameters}
     return function
 
 
@@ -144,7 +144,7 @@ def span(text: str, option: str) -> tuple[float, float]:
 
 
 def number_in(unit: str, option: str, text: str) -> float:
-    """Return a number in `unit`; the text may have another unit of its dimension: ``150 ms``."""
+    """Convert a text to a number in `unit`; the text may have another unit of the same dimension: ``150 ms``."""
     try:
         return float(text)
     except ValueError:
@@ -156,21 +156,21 @@ def number_in(unit: str, option: str, text: str) -> float:
 
 
 def finite(value: float, option: str, *, largest: float = math.inf) -> float:
-    """Accept a number that is finite and not implausibly large."""
+    """Return a number; raise a ConfigError unless it is finite and at most `largest`, in magnitude."""
     if not math.isfinite(value) or abs(value) > largest:
         raise ConfigError("cli.not_sensible", where=option, value=value)
     return value
 
 
 def not_negative(value: float, option: str, *, largest: float = math.inf) -> float:
-    """Accept a number that is zero or more and not implausibly large."""
+    """Return a number; raise a ConfigError unless it is at least zero and at most `largest`."""
     if finite(value, option, largest=largest) < 0.0:
         raise ConfigError("cli.negative", where=option, value=value)
     return value
 
 
 def interval(rate: str) -> float:
-    """Parse the seconds between rows of the solution; 0 for every sample."""
+    """Convert a rate [Hz] to the time between rows of the solution [s]; 0 for ``full``: every sample."""
     if rate == "full":
         return 0.0
     try:
@@ -183,7 +183,7 @@ def interval(rate: str) -> float:
 
 
 def columns(text: str | None, option: str) -> dict[str, str] | None:
-    """Parse quantity to header, ``gyro_x=Gx,time_s=t``; ``sd_n=`` excludes that quantity."""
+    """Parse pairs of quantity and column header, ``gyro_x=Gx,time_s=t``; ``sd_n=`` excludes a quantity."""
     if text is None:
         return None
     pairs = [part.split("=", 1) for part in text.split(",")]
@@ -193,19 +193,19 @@ def columns(text: str | None, option: str) -> dict[str, str] | None:
 
 
 def weights(text: str | None, option: str) -> dict[str, float] | None:
-    """Parse names and numbers above zero, ``gyro bias=8,accel bias=2``."""
+    """Parse pairs of name and number above zero, ``gyro bias=8,accel bias=2``."""
     pairs = columns(text, option)
     return None if pairs is None else {name: positive_numbers(value, option)[0] for name, value in pairs.items()}
 
 
 def named_numbers(text: str | None, option: str, example: str) -> dict[str, float] | None:
-    """Parse names and numbers, ``x2=-0.01,z1=0.02``."""
+    """Parse pairs of name and number, ``x2=-0.01,z1=0.02``."""
     pairs = columns(text, option)
     return None if pairs is None else {name: numbers(v, option, 1, example)[0].item() for name, v in pairs.items()}
 
 
 def configuration(options: dict[str, Any]) -> dict[str, Any]:
-    """Return the specified options for run.json, except options without effect on its content."""
+    """Return the specified options for run.json, except options without effect on the result."""
     kept = {name: value for name, value in options.items() if name not in ("out", "force", "as_json", "engine")}
     return {name: str(value) if isinstance(value, Path) else value for name, value in kept.items()}
 
@@ -214,7 +214,7 @@ def usage_error(error: Any) -> ConfigError:
     """Convert an error of the option parser to an error of insnav."""
     context, parameter = getattr(error, "ctx", None), getattr(error, "param", None)
     command = context.command_path if context is not None else "insnav"
-    match type(error).__name__:  # typer hides these classes: its own, or click's
+    match type(error).__name__:  # compares names, since typer hides these classes: its own, or click's
         case "NoSuchOption":
             similar = tuple(sorted(error.possibilities or ()))
             return ConfigError("cli.no_such_option", option=error.option_name, similar=similar, command=command)

@@ -31,7 +31,7 @@ def regress(
     out: Path | None = None,
     as_json: bool = False,
 ) -> None:
-    """Compare with the baseline."""
+    """Compare the accuracy of this version, on the corpus of drives, with the baseline."""
     from insnav.regression.baseline import BASELINE_FILE, renewed, write_baseline
     from insnav.regression.corpus import default_corpus
 
@@ -46,29 +46,29 @@ def regress(
         from insnav.messages import sentence
         from insnav.regression.regress import HISTORY_FILE, write_history
         from insnav.regression.regress import regress as compared
-        from insnav.report.regression import page as room
+        from insnav.report.regression import page as report_page
 
         outcome = compared(file, data, reports=folder, quick=quick, workers=engine, stage=stage)
-        found = outcome.found
-        for skipped in found.accuracy.skipped.values() if not quick else ():
+        regression = outcome.found
+        for skipped in regression.accuracy.skipped.values() if not quick else ():
             note(sentence(skipped))
         if not quick and folder != Path(__file__).parents[1] / "reports":  # an installed package is read-only
-            write_history(folder / HISTORY_FILE, found.history)
+            write_history(folder / HISTORY_FILE, regression.history)
         if plot:
             stage("drawing")
-            note(f"drawn: {len(room.write_pages(folder, outcome))} files in {folder}")
+            note(f"drawn: {len(report_page.write_pages(folder, outcome))} files in {folder}")
         if update_baseline:
-            write_baseline(folder / BASELINE_FILE, renewed(found.baseline, found.accuracy, found.origin))
+            write_baseline(folder / BASELINE_FILE, renewed(regression.baseline, regression.accuracy, regression.origin))
             note(f"baseline: {folder / BASELINE_FILE}")
     from insnav.report.save import facts_of
 
-    result(json.dumps(facts_of(outcome), indent=1, ensure_ascii=False) if as_json else room.text(outcome))
-    if found.comparison is not None and not found.comparison.passed and not update_baseline:
+    result(json.dumps(facts_of(outcome), indent=1, ensure_ascii=False) if as_json else report_page.text(outcome))
+    if regression.comparison is not None and not regression.comparison.passed and not update_baseline:
         raise typer.Exit(1)
 
 
 def _power(folder: Path, as_json: bool) -> None:
-    """Print the changes that the baseline figures can detect."""
+    """Print the smallest changes of the baseline figures that the regression can detect."""
     from insnav.regression.baseline import BASELINE_FILE, read_baseline
     from insnav.report.page import Page
     from insnav.report.regression.page import power_lines, power_section
@@ -101,13 +101,13 @@ def simulate(
     engine: str = "processes",
     resume: bool = False,
 ) -> None:
-    """Simulate."""
+    """Simulate IMU and GPS files of an exactly known motion."""
     if listed:
         _list(out, force, as_json)
         return
-    place = None if source is None else str(source)
+    source_name = None if source is None else str(source)
     shared: Any = {"imu": imu, "sampling": sampling, "gps": gps, "gravity": gravity, "seed": seed, "run": run}
-    configuration = {"profile": profile, "from": place, **shared, "rate_hz": rate, "temperature_c": temperature}
+    configuration = {"profile": profile, "from": source_name, **shared, "rate_hz": rate, "temperature_c": temperature}
     configuration |= {"fault": fault or [], "runs": runs}
     _check(profile, source, runs, run, (imu, gps), resume)
     target = out or Path("sim")
@@ -125,10 +125,10 @@ def simulate(
         if runs is None:
             from insnav.report.simulation.page import write_recording
 
-            made = plan.measured()
+            recording = plan.measured()
             stage("writing")
             quiet_figures()
-            where, page = write_recording(folder, plan, made)
+            where, page = write_recording(folder, plan, recording)
         else:
             where, page = _many(folder, plan, runs, engine, resume, stage)
     if as_json or runs is not None:
@@ -142,7 +142,7 @@ def simulate(
 def _check(
     profile: str | None, source: Path | None, runs: int | None, run: int | None, sensors: tuple[str, str], resume: bool
 ) -> None:
-    """Refuse incompatible options."""
+    """Refuse incompatible options of insnav simulate."""
     if (profile is None) == (source is None):
         raise ConfigError("cli.no_motion" if profile is None else "cli.two_motions", where="PROFILE, --from")
     if runs is not None and run is not None:
@@ -173,8 +173,8 @@ def _many(folder: RunFolder, plan: Plan, runs: int, engine: str, resume: bool, s
 
     assert plan.imu is not None
     assert plan.gps is not None
-    place = folder.target.resolve()
-    checkpoint = Checkpoint(place.with_name(f".{place.name}.unfinished"), plan_key(plan))
+    target = folder.target.resolve()
+    checkpoint = Checkpoint(target.with_name(f".{target.name}.unfinished"), plan_key(plan))
     if not resume:
         checkpoint.remove()
     perfect = perfect_imu(plan.truth, plan.rate, plan.sampling)
@@ -182,7 +182,7 @@ def _many(folder: RunFolder, plan: Plan, runs: int, engine: str, resume: bool, s
         plan.truth, plan.imu, plan.gps, perfect, plan.faults, temperature_ramp(perfect, plan.temperature)
     )
     try:
-        done = monte_carlo(
+        ensemble = monte_carlo(
             task,
             runs,
             plan.seed,
@@ -192,7 +192,7 @@ def _many(folder: RunFolder, plan: Plan, runs: int, engine: str, resume: bool, s
         )
         stage("writing")
         quiet_figures()
-        written = write_runs(folder, plan, done)
+        written = write_runs(folder, plan, ensemble)
     except Stopped:
         if checkpoint.path.exists():
             note("finished runs are kept: the same command with --resume continues")
@@ -202,12 +202,12 @@ def _many(folder: RunFolder, plan: Plan, runs: int, engine: str, resume: bool, s
 
 
 def _list(out: Path | None, force: bool, as_json: bool) -> None:
-    """List the library, and draw it into a folder if specified."""
+    """List the motion profiles of the library, and draw them into a folder if specified."""
     from insnav.messages import translated
     from insnav.simulate.motion import library, load_profile
 
     profiles = [load_profile(path) for path in library()]
-    shown = [{"name": each.name, "duration_s": each.duration, "purpose": each.purpose} for each in profiles]
+    shown = [{"name": profile.name, "duration_s": profile.duration, "purpose": profile.purpose} for profile in profiles]
     if out is not None:
         from insnav.report.simulation.page import write_sketches
 
@@ -218,8 +218,8 @@ def _list(out: Path | None, force: bool, as_json: bool) -> None:
     if as_json:
         result(json.dumps(shown, indent=1, ensure_ascii=False))
         return
-    width = max(len(str(each["name"])) for each in shown)
-    lines = (f"{each.name:<{width}}  {each.duration:6.0f} s  {translated(each.purpose)}" for each in profiles)
+    width = max(len(str(entry["name"])) for entry in shown)
+    lines = (f"{item.name:<{width}}  {item.duration:6.0f} s  {translated(item.purpose)}" for item in profiles)
     result("\n".join(lines))
 
 
@@ -231,7 +231,7 @@ def verify(
     as_json: bool = False,
     markdown: bool = False,
 ) -> None:
-    """Certify."""
+    """Certify the numerics of this installation against closed forms."""
     if as_json and markdown:
         raise ConfigError("cli.json_or_markdown", where="--json --markdown")
     if faults:

@@ -1,31 +1,31 @@
-"""Words of findings: one catalogue per language, and the renderer that inserts numbers.
+"""Texts of findings and errors: one catalogue per language, and the renderer that inserts numbers.
 
 An entry of ``<language>.toml`` has the code of `insnav.findings.Code` as its key and contains:
 
 - ``severity``: ``assumption``, ``warning`` or ``unusable``; by default ``note`` (in English only);
-- ``title``: the name of the thing, two to six words, without numbers;
+- ``title``: the name of the finding, two to six words, without numbers;
 - ``text``: the observation, one or two sentences with the decisive numbers;
 - ``done``: action of insnav;
 - ``advice``: recommended action of the user.
 
 An error has its code as key in ``errors/<family>.<language>.toml``; the family is the first part of its code:
 
-- ``what``: the error, understandable without the rest;
+- ``what``: the error, understandable alone;
 - ``why``: the evidence, with the decisive numbers;
 - ``fix``: recommended action of the user.
 
-A text holds values by name in braces, with a format:
+A text contains names of values in braces, with a format:
 
 - ``{delay_s:.3f s}``: format, then the unit to convert to from SI;
 - ``{count:count fix|fixes}``: number and noun; ``{count:plural fix|fixes}``: noun alone;
 - ``{delay_s:sign late|early}``: first word unless negative; ``{delay_s:abs .3f s}``: without the sign;
-- ``{axis:word}``: a word of the table ``[words]`` of either file, or several;
-- ``{problems:lines}``: each on a line of its own; ``{begin:moment}``, ``{span}``: times of the record.
+- ``{axis:word}``: value or values, translated by the table ``[words]`` of the file or of ``<language>.toml``;
+- ``{problems:lines}``: each value on its own line; ``{begin:moment}``, ``{span}``: times of the record.
 
-``{subject}`` is the subject. A part in double square brackets is left out where one
-of its values is missing or not finite: ``[[ ± {delay_sd_s:.3f s}]]``. An error among the values, ``{cause}``, follows
-its location: ``what`` and ``why`` alone by ``{cause:reason}``, ``fix`` alone by ``{cause:fix}``. The table ``[form]``
-defines the punctuation of sentences, lists and spans in a language.
+``{subject}`` is the subject of the finding. A part in double square brackets is left out if one of its values is
+missing or not finite: ``[[ ± {delay_sd_s:.3f s}]]``. If a value is an error, ``{cause}`` writes its location and text,
+``{cause:reason}`` only ``what`` and ``why``, ``{cause:fix}`` only ``fix``. The table ``[form]`` defines the punctuation
+of sentences, lists and spans in a language.
 """
 
 from __future__ import annotations
@@ -49,19 +49,19 @@ from insnav.units import UNITS, shown_unit
 
 LANGUAGES = ("en", "zh")
 PARTS = ("title", "text", "done", "advice")
-_NUMBER = re.compile(r"\d+(?:\.\d+)?")  # it stands as # in the catalogue of pages
-_PROSE = re.compile(r"[a-z] [a-z]{2}|[a-z]{3}:")  # names of files, profiles and IMUs are single words
+_NUMBER = re.compile(r"\d+(?:\.\d+)?")  # written as # in the catalogue of pages
+_PROSE = re.compile(r"[a-z] [a-z]{2}|[a-z]{3}:")  # text, not a name: files, profiles and IMUs have single words
 _OPTIONAL = re.compile(r"\[\[(.*?)\]\]")
 _FORMATTER = Formatter()
-# language inside `speaking`, whatever the process language; names that stay
+# set by `speaking`: language, which precedes the language of the process; names that are not translated
 _SPOKEN: ContextVar[tuple[str, frozenset[str]]] = ContextVar("_SPOKEN", default=("", frozenset()))
 
 At = Callable[[float, float], str]
-"""How times of the record, from one to another [s], are written."""
+"""Function that writes a span of the record as text, from its begin and end [s]."""
 
 
 class _Form(NamedTuple):
-    """Format of values."""
+    """Language, function for times, and words, to write the values of a text."""
 
     lang: str
     at: At
@@ -70,7 +70,7 @@ class _Form(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Message:
-    """Finding in words."""
+    """Texts of a finding."""
 
     title: str  # name of the finding
     text: str  # observation
@@ -84,7 +84,7 @@ class Message:
 
 @contextmanager
 def speaking(lang: str, names: frozenset[str] = frozenset()) -> Iterator[None]:
-    """Use this language for every message inside, and translate none of these names, which the user chose."""
+    """Write every message inside the ``with`` block in this language. `names`: chosen by the user, never translated."""
     token = _SPOKEN.set((lang, names))
     try:
         yield
@@ -104,7 +104,7 @@ def form(name: str, lang: str | None = None) -> str:
 
 
 def word(name: str) -> str:
-    """Return the word of a language for a name, or the name itself."""
+    """Translate a name by the table ``[words]`` of the language; return the name itself if it has no entry."""
     return str(catalogue(language())["words"].get(name, name))
 
 
@@ -114,7 +114,7 @@ def moment(begin: float, end: float, lang: str | None = None) -> str:
 
 
 def render(finding: Finding, lang: str | None = None, at: At | None = None) -> Message:
-    """Write a finding in words.
+    """Write the texts of a finding.
 
     Parameters
     ----------
@@ -122,7 +122,7 @@ def render(finding: Finding, lang: str | None = None, at: At | None = None) -> M
     lang : str, optional
         A language of `LANGUAGES`; by default `language`.
     at : callable, optional
-        Format of record times in this language; by default `moment`.
+        Function that writes times of the record in this language; by default `moment`.
 
     Returns
     -------
@@ -130,7 +130,7 @@ def render(finding: Finding, lang: str | None = None, at: At | None = None) -> M
     """
     lang = lang or language()
     entry = catalogue(lang)[finding.code.value]
-    if text := finding.get("text"):  # of a folder of an earlier version
+    if text := finding.get("text"):  # text stored by an earlier version
         return Message(entry["title"], text)
     values = dict(finding.values) | {"subject": finding.subject, "begin": finding.begin, "end": finding.end}
     form_of = _Form(lang, at or partial(moment, lang=lang), catalogue(lang)["words"])
@@ -144,7 +144,7 @@ def sentence(finding: Finding, lang: str | None = None, at: At | None = None) ->
 
 
 def shows_time(finding: Finding, lang: str | None = None) -> bool:
-    """Return whether the words of a finding contain a time of the record."""
+    """Return whether the texts of a finding contain a time of the record."""
     entry = catalogue(lang or language())[finding.code.value]
     return finding.timed and any(place in entry.get(part, "") for part in PARTS for place in ("{span}", ":moment}"))
 
@@ -158,7 +158,7 @@ def render_error(code: str, part: str, values: Mapping[str, Any], lang: str | No
 
 
 def phrase(name: str, /, **values: Any) -> str:
-    """Write a phrase of a report, such as ``run.good``: an entry of ``phrases.<language>.toml``."""
+    """Write a phrase of a report: an entry of ``phrases.<language>.toml``, such as ``run.good``."""
     lang, (group, _, key) = language(), name.partition(".")
     how = _Form(lang, partial(moment, lang=lang), catalogue(lang)["words"])
     return _filled(catalogue(f"phrases.{lang}")[group][key], values, how)
@@ -167,11 +167,11 @@ def phrase(name: str, /, **values: Any) -> str:
 def translated(text: str) -> str:
     """Translate a text of a page or of the help by ``page.<language>.toml``; names, numbers and units stay.
 
-    An entry is a whole text with ``#`` for each number, or a form with ``{}`` for each part, which is translated, too.
-    A text without an entry is translated part by part, between semicolons, colons or commas, if all parts have entries.
+    An entry is a whole text with ``#`` for each number, or a pattern with ``{}`` for each part, which is translated.
+    A text without an entry is split at semicolons, colons, commas or "and". All parts of several words need entries.
     """
-    kept = isinstance(text, plain_text.Name)
-    return text if kept else _translated(plain_text.plain_text(text), language(), _SPOKEN.get()[1])
+    is_name = isinstance(text, plain_text.Name)
+    return text if is_name else _translated(plain_text.plain_text(text), language(), _SPOKEN.get()[1])
 
 
 @lru_cache(maxsize=4096)
@@ -181,32 +181,33 @@ def _translated(text: str, lang: str, kept: frozenset[str]) -> str:
         return str(words.get(text, text))
     name, bracket, unit = text.partition(" [") if text.endswith("]") else (text, "", "")
     lowered = name[:1].lower() + name[1:]
+    # an entry for the whole text, with # for each number
     key = next((key for key in (_NUMBER.sub("#", name), _NUMBER.sub("#", lowered)) if key in words), None)
     if key is not None:
         numbers = iter(_NUMBER.findall(name))
         return re.sub("#", lambda _: next(numbers, "#"), words[key]) + bracket + unit
-    for pattern, wanted in _patterns(lang):
+    for pattern, wanted in _patterns(lang):  # entries with {} for parts
         match = pattern.fullmatch(name) or pattern.fullmatch(lowered)
         if match and (parts := _parts(match.groups(), lang, kept)):
             return f"{wanted.format(*parts)}{bracket}{unit}"
-    for mark in (each for each in ("; ", ": ", ", ", " and ") if each in name and each in words):
-        if (parts := _parts(own := name.split(mark), lang, kept)) and parts != own:
+    for mark in (mark for mark in ("; ", ": ", ", ", " and ") if mark in name and mark in words):
+        if (parts := _parts(pieces := name.split(mark), lang, kept)) and parts != pieces:
             return f"{words[mark].join(parts)}{bracket}{unit}"
     return text
 
 
 def _parts(own: Sequence[str], lang: str, kept: frozenset[str]) -> list[str]:
-    """Translate the parts of a text; return nothing if a part of several words has no translation."""
-    parts = [each if each in kept else _translated(each, lang, kept) for each in own]
+    """Translate the parts of a text; return an empty list if a part of several words has no translation."""
+    parts = [part if part in kept else _translated(part, lang, kept) for part in own]
     return [] if any(a == b and a not in kept and _PROSE.search(a) for a, b in zip(own, parts, strict=True)) else parts
 
 
 @cache
 def _patterns(lang: str) -> list[tuple[re.Pattern[str], str]]:
-    """Return the forms of a language, longest first."""
-    forms = {key: wanted for key, wanted in catalogue(f"page.{lang}")["words"].items() if "{}" in key}
-    ordered = sorted(forms, key=lambda key: -len(key.replace("{}", "")))
-    return [(re.compile(re.escape(key).replace(r"\{\}", "(.+?)")), forms[key]) for key in ordered]
+    """Return the entries with ``{}`` as regular expressions, each with its translation, longest first."""
+    entries = {key: translation for key, translation in catalogue(f"page.{lang}")["words"].items() if "{}" in key}
+    longest_first = sorted(entries, key=lambda key: -len(key.replace("{}", "")))
+    return [(re.compile(re.escape(key).replace(r"\{\}", "(.+?)")), entries[key]) for key in longest_first]
 
 
 def _filled(text: str, values: Mapping[str, Any], how: _Form) -> str:
@@ -226,7 +227,7 @@ def _filled(text: str, values: Mapping[str, Any], how: _Form) -> str:
     return "".join(parts)
 
 
-def _known(value: Any) -> bool:
+def _known(value: Any) -> bool:  # a finite number, or another value that is not empty
     return math.isfinite(value) if isinstance(value, Real) else value not in (None, "", ())
 
 
@@ -235,7 +236,7 @@ def _shown(value: Any, spec: str, how: _Form) -> str:
     if isinstance(value, Finding | ErrorFacts):
         return sentence(value, how.lang, how.at) if isinstance(value, Finding) else _error(value, spec, how.lang)
     if isinstance(value, tuple):
-        value = tuple(_shown(each, "", how) if isinstance(each, Finding | ErrorFacts) else each for each in value)
+        value = tuple(_shown(item, "", how) if isinstance(item, Finding | ErrorFacts) else item for item in value)
     verb, _, rest = spec.partition(" ")
     first, _, second = rest.partition("|")
     match verb:
@@ -253,24 +254,24 @@ def _shown(value: Any, spec: str, how: _Form) -> str:
             return first if value >= 0.0 else second
         case "abs":
             return _shown(abs(value), rest, how)
-    parts = [_number(each, verb, rest) for each in (value if isinstance(value, tuple) else (value,))]
+    parts = [_number(item, verb, rest) for item in (value if isinstance(value, tuple) else (value,))]
     return form("list", how.lang).join(parts) + (f" {shown_unit(rest)}" if rest else "")
 
 
 def _error(error: ErrorFacts, spec: str, lang: str) -> str:
-    """Write an error in one line. ``reason``: location, fact and evidence. ``fix``: only the advice. Else all parts."""
+    """Write an error in one line. `spec`: ``reason``: location, error, evidence; ``fix``: advice; else all."""
     parts = {"reason": ("what", "why"), "fix": ("fix",)}.get(spec, ("what", "why", "fix"))
     texts = [render_error(error.code, part, dict(error.values), lang) for part in parts]
-    text = form("joint", lang).join(" ".join(each.split()) for each in texts if each)
+    joined = form("joint", lang).join(" ".join(sentences.split()) for sentences in texts if sentences)
     line = catalogue(f"phrases.{lang}")["terminal"]["line"]
-    return str(line.format(name=error.where, text=text)) if error.where and spec != "fix" else text
+    return str(line.format(name=error.where, text=joined)) if error.where and spec != "fix" else joined
 
 
 def _word(value: Any, how: _Form) -> str:
-    """Write a word of the table, or several, optionally followed by a file name: ``gyro x (rates.csv)``."""
+    """Translate a name by the words, or several names; a file name in brackets may follow: ``gyro x (rates.csv)``."""
     if not isinstance(value, tuple) and (value in how.words or value in _SPOKEN.get()[1]):
         return str(value if value in _SPOKEN.get()[1] else how.words[value])
-    parts = [str(each).partition(" (") for each in (value if isinstance(value, tuple) else str(value).split(", "))]
+    parts = [str(item).partition(" (") for item in (value if isinstance(value, tuple) else str(value).split(", "))]
     return form("list", how.lang).join(f"{how.words.get(name, name)}{bracket}{rest}" for name, bracket, rest in parts)
 
 
@@ -279,6 +280,6 @@ def _number(value: Any, spec: str, unit: str) -> str:
         return str(value)
     scaled: Any = value / UNITS[unit][1] if unit in UNITS else value
     text = format(scaled, spec or ".3g") if not isinstance(scaled, int) or spec else str(scaled)
-    if "e+" in text:  # large numbers are written out
+    if "e+" in text:  # large numbers are written without an exponent
         text = f"{scaled:.0f}"
     return text.removeprefix("-") if not text.strip("-0.") else text  # no negative zero

@@ -1,7 +1,7 @@
-"""Number columns as text, simulated data as readable files, and a result as one file without executable content.
+"""Columns of numbers as text, simulated data as readable files, a result as one file without executable content.
 
 Equal data give equal bytes: numbers are rounded to fixed decimals in the shortest form, and compressed files contain no
-write time.
+time of writing.
 """
 
 from __future__ import annotations
@@ -28,13 +28,13 @@ from insnav.exceptions import InputError, InsnavError, writing
 from insnav.kernels.output import WIDEST, rows_as_text
 from insnav.types import FloatArray, GpsData, ImuData, IntArray, Trajectory
 
-# pattern of a column name, and its decimals; the first match counts
+# patterns of column names, and number of decimals of such a column; the first matching pattern counts
 Decimals = tuple[tuple[str, int], ...]
 TEXT_ROWS = 1 << 13  # rows converted at a time: they fit in the processor's cache
 
 
 def rounded(name: str, values: NDArray[Any], decimals: Decimals) -> NDArray[Any]:
-    """Round a column, unless integer, to its decimals; zero has no sign, and a heading is below 360 deg."""
+    """Round a column of non-integers to its decimals; zero loses its sign, and a heading of 360 deg becomes 0."""
     if values.dtype.kind == "i":
         return values
     values = np.round(values, _places(name, decimals)) + 0.0
@@ -51,7 +51,7 @@ def arrow_table(columns: Mapping[str, Any]) -> pa.Table:
 
 
 def _arrow_array(values: Any) -> Any:
-    # by builder and from the buffer: pyarrow.array imports pandas, which takes longer than writing the file
+    # without pyarrow.array, which imports pandas: that takes longer than writing the file
     if not isinstance(values, np.ndarray):
         texts = pa.lib.StringBuilder()
         texts.append_values(values)
@@ -63,14 +63,14 @@ def _arrow_array(values: Any) -> Any:
 
 
 def write_numbers(columns: Mapping[str, NDArray[Any]], decimals: Decimals, stream: Any, *, header: bool) -> None:
-    """Write columns of numbers, `rounded`, in the format of `write_csv`, in a third of its time."""
+    """Write columns of numbers as `rounded` and `write_csv` would, in a third of the time."""
     numbers = np.empty((len(columns), len(next(iter(columns.values())))))
     for row, (name, values) in zip(numbers, columns.items(), strict=True):
         row[:] = rounded(name, values, decimals) if name == "heading_deg" else values
     places = [0 if v.dtype.kind == "i" else _places(name, decimals) for name, v in columns.items()]
     text = np.empty(numbers.size * WIDEST, np.uint8)
     size = rows_as_text(numbers, 10.0 ** np.array(places), np.array(places, np.uint64), text)
-    if size < 0:
+    if size < 0:  # a number is too large or too small for the fast writer
         table = arrow_table({name: rounded(name, values, decimals) for name, values in columns.items()})
         write_csv(table, stream, header=header)
         return
@@ -80,13 +80,13 @@ def write_numbers(columns: Mapping[str, NDArray[Any]], decimals: Decimals, strea
 
 
 def write_csv(table: pa.Table, stream: Any, *, header: bool = True) -> None:
-    """Write a header without quotation marks, and the rows."""
+    """Write a table as csv, with a header without quotation marks."""
     if header:
         stream.write((",".join(table.column_names) + "\n").encode())
     pa.csv.write_csv(table, stream, pa.csv.WriteOptions(include_header=False, quoting_style="needed"))
 
 
-# Decimals far below any sensor resolution and test tolerance.
+# decimals of data files: far finer than any sensor resolution and test tolerance
 _DECIMALS: Decimals = (
     ("^dtheta|^dvel", 13),
     ("^lat|^lon", 11),
@@ -100,8 +100,8 @@ _DECIMALS: Decimals = (
 def write_data(path: Path, data: ImuData | GpsData | Trajectory) -> None:
     """Write samples, fixes or a reference as csv, compressed if the name ends in ``.gz``.
 
-    `data`: unknown columns are omitted. Sampling and timestamp convention of an IMU are not in the file: the reader
-    specifies them.
+    `data`: columns of only NaN are omitted. The file does not contain the sampling and timestamp convention of an IMU:
+    the reader must specify them.
     Raises: OutputError: the file cannot be written.
     """
     known = [name for name, values in data.columns().items() if not np.isnan(values).all()]
@@ -137,12 +137,12 @@ def _opened(path: Path) -> Iterator[Any]:
             yield stream
 
 
-FILE = "found.npz"
+FILE = "found.npz"  # file of a stored result in its folder
 _STRUCTURE = "structure"
 
 
 def store(result: object, file: Path) -> None:
-    """Write a result; an array referenced several times is written once."""
+    """Write a result to an npz file; an array that it references several times is written once."""
     arrays: dict[int, np.ndarray] = {}
 
     def plain(value: Any) -> Any:
@@ -153,14 +153,14 @@ def store(result: object, file: Path) -> None:
             return {"member": f"{type(value).__module__}:{type(value).__qualname__}", "value": value.value}
         if is_dataclass(value):
             kind = type(value)
-            own = {each.name: plain(getattr(value, each.name)) for each in fields(value) if each.init}
+            own = {field.name: plain(getattr(value, field.name)) for field in fields(value) if field.init}
             return {"class": f"{kind.__module__}:{kind.__qualname__}", "fields": own}
         if isinstance(value, Mapping):
-            return {"mapping": [[plain(key), plain(each)] for key, each in value.items()]}
+            return {"mapping": [[plain(key), plain(item)] for key, item in value.items()]}
         if isinstance(value, slice):
-            return {"slice": [plain(each) for each in (value.start, value.stop, value.step)]}
+            return {"slice": [plain(bound) for bound in (value.start, value.stop, value.step)]}
         if isinstance(value, tuple | list):
-            return {type(value).__name__: [plain(each) for each in value]}
+            return {type(value).__name__: [plain(item) for item in value]}
         if isinstance(value, Path):
             return value.as_posix()
         if isinstance(value, InsnavError):
@@ -183,19 +183,20 @@ def read_stored(folder: Path, name: str = FILE) -> Any:
 
 
 def _restored(value: Any, content: Mapping[str, np.ndarray]) -> Any:
+    # inverse of `plain` in `store`; `content` has the arrays
     if not isinstance(value, dict):
         return value
     if "array" in value:
         return content[f"array_{value['array']}"]
     if "mapping" in value:
-        return {_restored(key, content): _restored(each, content) for key, each in value["mapping"]}
+        return {_restored(key, content): _restored(item, content) for key, item in value["mapping"]}
     if "error" in value:
         return InsnavError.from_dict(value["error"])
     if "slice" in value:
         return slice(*value["slice"])
     for sequence in (tuple, list):
         if sequence.__name__ in value:
-            return sequence(_restored(each, content) for each in value[sequence.__name__])
+            return sequence(_restored(item, content) for item in value[sequence.__name__])
     module, name = value["class" if "class" in value else "member"].split(":")
     kind: Any = getattr(import_module(module), name) if module.startswith("insnav.") else None
     if "member" in value and isinstance(kind, EnumType):
@@ -203,4 +204,4 @@ def _restored(value: Any, content: Mapping[str, np.ndarray]) -> Any:
     if "class" not in value or not is_dataclass(kind):
         raise ValueError(f"{module}:{name} is no result of insnav")
     make = cast(Callable[..., Any], kind)
-    return make(**{key: _restored(each, content) for key, each in value["fields"].items()})
+    return make(**{key: _restored(item, content) for key, item in value["fields"].items()})

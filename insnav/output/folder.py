@@ -42,13 +42,13 @@ def read_facts(folder: Path) -> dict[str, Any]:
 
 def damage(folder: Path) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """List the missing and the changed files of a run folder. Raises: InputError: not a run folder."""
-    listed, found = read_facts(folder)["files"], files_in(folder)
+    listed, present = read_facts(folder)["files"], files_in(folder)
     changed = (
         name
         for name, entry in listed.items()
-        if name in found and (not isinstance(entry, dict) or file_sha256(found[name]) != entry.get("sha256"))
+        if name in present and (not isinstance(entry, dict) or file_sha256(present[name]) != entry.get("sha256"))
     )
-    return tuple(name for name in listed if name not in found), tuple(changed)
+    return tuple(name for name in listed if name not in present), tuple(changed)
 
 
 def file_sha256(path: Path) -> str:
@@ -64,22 +64,22 @@ def files_in(folder: Path) -> dict[str, Path]:
     return {name: path for name, path in names.items() if name != FACTS_FILE}
 
 
-_DROPPINGS = {".DS_Store", "Thumbs.db", "desktop.ini"}  # written by file managers
+_DROPPINGS = {".DS_Store", "Thumbs.db", "desktop.ini"}  # files that file managers write
 _LONGEST_NAME = 230  # file systems allow 255 bytes, including the suffix during construction
-_MARK = re.compile(r"\.(tmp|old)-(\d+)$")
+_MARK = re.compile(r"\.(tmp|old)-(\d+)$")  # suffix of a temporary folder: kind, process number
 
 
 class RunFolder:
-    """Folder that appears at its target only when `commit` has succeeded.
+    """Result folder that appears at its target only when `commit` has succeeded.
 
     Use it as a context manager around the whole work. On entry it checks everything that could prevent writing. Leaving
     without `commit`, for any reason, keeps the target unchanged.
 
-    Parent folders are created. `force`: replace a run there. ``keep``: rename it to the first free name of ``run~1``,
-    ``run~2``, …, stored as `kept`.
+    Parent folders are created. `force`: replace an existing run at the target. ``keep``: rename the existing run to the
+    first free name of ``run~1``, ``run~2``, …, stored as `kept`.
 
     Raises: OutputError: on entry: no permission, a file at the target, an existing folder without `force`, or with
-    `force` a folder without a run. Later: disk full, or the target has appeared meanwhile.
+    `force` a folder with other files. Later: disk full, or the target was created meanwhile.
     """
 
     def __init__(self, target: Path, *, force: bool | Literal["keep"]) -> None:
@@ -101,9 +101,9 @@ class RunFolder:
         _check_target(self._place, force=self.force)
         self._aside = _beside(self._place, "tmp")
         with writing("output.folder_unwritable", self._place.parent):
-            self._made = [each for each in self._place.parents if not each.exists()]
+            self._made = [parent for parent in self._place.parents if not parent.exists()]
             self._place.parent.mkdir(parents=True, exist_ok=True)
-            if self._aside.exists():  # left by a dead process with the same PID
+            if self._aside.exists():  # remains of a dead process with the same PID
                 shutil.rmtree(self._aside)
             self._aside.mkdir()
         return self
@@ -119,9 +119,9 @@ class RunFolder:
         with contextlib.suppress(OSError):
             free = shutil.disk_usage(self._place.parent).free
         shutil.rmtree(self._aside, ignore_errors=True)
-        with contextlib.suppress(OSError):  # another process has written there
-            for each in self._made:
-                each.rmdir()
+        with contextlib.suppress(OSError):  # fails if another process uses a created parent folder
+            for parent in self._made:
+                parent.rmdir()
         if isinstance(error, OSError):
             failure = self._explained(error, written, free)
             if failure is not None:
@@ -129,7 +129,7 @@ class RunFolder:
 
     @property
     def directory(self) -> Path:
-        """Directory for the files, until `commit`."""
+        """Temporary directory for the files, until `commit` moves it."""
         return self._aside
 
     def path(self, name: str) -> Path:
@@ -147,7 +147,7 @@ class RunFolder:
         """Write ``run.json`` last, flush everything to disk and move the folder to its target, which is returned.
 
         `facts`: ready for JSON; ``files`` (size and SHA-256 digest of every other file) is added.
-        Raises: OutputError: the target appeared meanwhile.
+        Raises: OutputError: the folder cannot be moved, as the target was created meanwhile.
         """
         self._committing = True
         files = {
@@ -163,10 +163,10 @@ class RunFolder:
         return self._place
 
     def _move_into_place(self) -> None:
-        numbered = (self._place.with_name(f"{self._place.name}~{number}") for number in itertools.count(1))
+        free_names = (self._place.with_name(f"{self._place.name}~{number}") for number in itertools.count(1))
         keep = self.force == "keep"
-        old = next(each for each in numbered if not each.exists()) if keep else _beside(self._place, "old")
-        replacing = self._place.exists()
+        old = next(free for free in free_names if not free.exists()) if keep else _beside(self._place, "old")
+        replacing = self._place.exists()  # move the old result away, and back if the new one cannot be moved
         if replacing:
             _check_target(self._place, force=self.force)
             self._place.rename(old)
@@ -183,9 +183,9 @@ class RunFolder:
             shutil.rmtree(old, ignore_errors=True)
 
     def _explained(self, error: OSError, written: int, free: int) -> OutputError | None:
-        """Explain a write failure; None if the `OSError` has another cause."""
-        ours = error.filename is not None and str(error.filename).startswith(str(self._aside))
-        if error.errno not in NO_ROOM and not ours and not self._committing:
+        """Convert a write failure to an `OutputError`; None if the `OSError` has another cause."""
+        in_folder = error.filename is not None and str(error.filename).startswith(str(self._aside))
+        if error.errno not in NO_ROOM and not in_folder and not self._committing:
             return None
         return OutputError(
             "output.unwritten", where=str(self._place), reason=reason_of(error), written=written, free=free
@@ -193,7 +193,7 @@ class RunFolder:
 
 
 def write_text(path: Path, text: str) -> None:
-    """Write a temporary file and move it to its path.
+    """Write a text file: write a temporary file, then move it to its path.
 
     `path`: its folder is created if necessary.
     Raises: OutputError: the file cannot be written.
@@ -226,10 +226,10 @@ def _check_target(place: Path, *, force: bool | Literal["keep"]) -> None:
     where = str(place)
     if not place.name or Path.cwd().is_relative_to(place):
         raise OutputError("output.current_folder", where=where)
-    there = next(each for each in place.parents if each.exists())
-    if not there.is_dir() or not os.access(there, os.W_OK | os.X_OK):
-        reason = os.strerror(errno.EACCES if there.is_dir() else errno.ENOTDIR)
-        raise OutputError("output.folder_unwritable", where=str(there), reason=reason)
+    existing_parent = next(parent for parent in place.parents if parent.exists())
+    if not existing_parent.is_dir() or not os.access(existing_parent, os.W_OK | os.X_OK):
+        reason = os.strerror(errno.EACCES if existing_parent.is_dir() else errno.ENOTDIR)
+        raise OutputError("output.folder_unwritable", where=str(existing_parent), reason=reason)
     if not place.exists():
         return
     if not place.is_dir():
@@ -242,16 +242,16 @@ def _check_target(place: Path, *, force: bool | Literal["keep"]) -> None:
 
 
 def foreign_files(place: Path) -> list[str]:
-    """List files in a folder that no run has written there."""
-    found = [name for name in files_in(place) if Path(name).name not in _DROPPINGS]
+    """List the files in a folder that do not belong to a run."""
+    present = [name for name in files_in(place) if Path(name).name not in _DROPPINGS]
     try:
         listed = read_facts(place)["files"]
     except InputError:
-        return found + ([FACTS_FILE] if (place / FACTS_FILE).exists() else [])
-    return [name for name in found if name not in listed]
+        return present + ([FACTS_FILE] if (place / FACTS_FILE).exists() else [])
+    return [name for name in present if name not in listed]
 
 
-def _beside(place: Path, kind: str) -> Path:
+def _beside(place: Path, kind: str) -> Path:  # temporary name next to a path, with the process number
     return place.with_name(f".{place.name}.{kind}-{os.getpid()}")
 
 
@@ -268,7 +268,7 @@ def _clean_stale(place: Path) -> None:
 
 
 def _alive(pid: int) -> bool:
-    if os.name == "nt":  # signal 0 is Ctrl-C there
+    if os.name == "nt":  # signal 0 is Ctrl-C on Windows
         return True
     try:
         os.kill(pid, 0)
@@ -280,7 +280,7 @@ def _alive(pid: int) -> bool:
 
 
 def _sync(path: Path) -> None:
-    if path.is_dir() and os.name == "nt":  # a folder cannot be opened there
+    if path.is_dir() and os.name == "nt":  # Windows cannot open a folder
         return
     handle = os.open(path, os.O_RDONLY)
     try:

@@ -1,8 +1,8 @@
 """Tables of a run: solution, innovations, sensor errors and events, as text or parquet.
 
 Unknown values are empty cells (csv) or null (parquet), never NaN. Text is rounded far below the accuracy of the
-numbers, which keeps files short and identical on every machine. Parquet has states as computed and standard deviations
-in single precision.
+numbers, which keeps files short and identical on every machine. Parquet files contain unrounded states, and standard
+deviations in single precision.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from insnav.quantity import quantity_of
 from insnav.tabular import Tabular, unit_of
 from insnav.types import GpsData, Innovations, SensorErrors, Trajectory
 
-parquet = library("pyarrow.parquet")  # its file systems are slow to import
+parquet = library("pyarrow.parquet")  # imported on first use, since the import is slow
 TableFormat = Literal["csv", "parquet"]
 T = TypeVar("T", bound=Tabular)
 
@@ -36,7 +36,7 @@ _EVENTS = ("time_s", "end_s", "code", "severity", "subject", "value", "limit", "
 
 _NAMES: dict[type, str] = {Trajectory: "solution", Innovations: "innovations", SensorErrors: "biases", GpsData: "fixes"}
 _GROUP = 1 << 16  # rows per group of a parquet file
-_OPTIONAL = ("sd", "fix", "heading", "satellites", "dop")  # fields that may be absent
+_OPTIONAL = ("sd", "fix", "heading", "satellites", "dop")  # fields that a table may lack
 _DECIMALS: Decimals = (
     ("^lat|^lon", 10),
     ("value|limit", 9),
@@ -48,7 +48,7 @@ _DECIMALS: Decimals = (
 
 
 def write_run_table(folder: Path, data: Tabular, file_format: TableFormat = "csv", name: str = "") -> Path:
-    """Write a solution, fixes, innovations with NIS, sensor errors or errors of a solution.
+    """Write one table of a run: a solution, fixes, innovations with NIS, sensor errors or errors of a solution.
 
     `data`: all rows are written; a None field has no columns. `file_format` {"csv", "parquet"}. `name`: of the file,
     without suffix; default ``solution``, ``innovations``, ``biases`` or ``fixes``.
@@ -66,10 +66,10 @@ def write_run_table(folder: Path, data: Tabular, file_format: TableFormat = "csv
                 {key: v.astype(np.float32) if key.startswith("sd_") else v for key, v in numbers.items()}
             )
             if writer is None:
-                # Unique numbers gain nothing from a dictionary or statistics. Snappy reduces the size by 4 % in twice
-                # the time.
-                how = {"use_dictionary": False, "write_statistics": False, "compression": "none"}
-                writer = closing.enter_context(parquet.ParquetWriter(stream, table.schema, **how))
+                # A dictionary and statistics are useless for numbers that rarely repeat. Snappy compression reduces
+                # the size by 4 % and doubles the time.
+                options = {"use_dictionary": False, "write_statistics": False, "compression": "none"}
+                writer = closing.enter_context(parquet.ParquetWriter(stream, table.schema, **options))
             writer.write_table(table)
     return path
 
@@ -79,22 +79,22 @@ def write_events(folder: Path, findings: Sequence[Finding]) -> Path:
 
     ``value`` and ``limit`` are the decisive number and its limit in SI, ``values`` all numbers as JSON.
     """
-    timed = by_time(each for each in findings if each.timed)
+    timed = by_time(finding for finding in findings if finding.timed)
     numbers = {"time_s": "begin", "end_s": "end", "value": "value", "limit": "limit"}
     columns: dict[str, Any] = {
-        key: rounded(key, np.array([getattr(each, name) for each in timed], dtype=np.float64), _DECIMALS)
+        key: rounded(key, np.array([getattr(finding, name) for finding in timed], dtype=np.float64), _DECIMALS)
         for key, name in numbers.items()
     }
-    messages = [render(each, "en") for each in timed]
+    messages = [render(finding, "en") for finding in timed]
     texts = {
-        "code": [each.code.value for each in timed],
-        "severity": [each.severity.name.lower() for each in timed],
-        "subject": [each.subject for each in timed],
-        # no unit is an empty cell: a single "-" would look like a formula
-        "unit": [quantity_of(each.measured[0], 0.0).unit for each in timed],
-        "action": [" ".join(filter(None, (each.text, each.done))) for each in messages],
-        "hint": [each.advice for each in messages],
-        "values": [json.dumps(each.as_dict().get("values", {})) for each in timed],
+        "code": [finding.code.value for finding in timed],
+        "severity": [finding.severity.name.lower() for finding in timed],
+        "subject": [finding.subject for finding in timed],
+        # without unit the cell is empty: spreadsheets would read "-" as a formula
+        "unit": [quantity_of(finding.measured[0], 0.0).unit for finding in timed],
+        "action": [" ".join(filter(None, (message.text, message.done))) for message in messages],
+        "hint": [message.advice for message in messages],
+        "values": [json.dumps(finding.as_dict().get("values", {})) for finding in timed],
     }
     columns |= {key: [cell_text(text) for text in column] for key, column in texts.items()}
     path = folder / "events.csv"
@@ -131,7 +131,7 @@ def read_run_table(folder: Path, kind: type[T], name: str = "") -> T:
 
 
 def _field(table: Any, field: str, names: Sequence[str]) -> Any:
-    """Read one field of a type; None if optional and absent."""
+    """Read one field of a data type from its columns `names`; None if the field is optional and absent."""
     if field in _OPTIONAL and names[0] not in table.column_names:
         return None
     values = np.column_stack([table[name].cast(pa.float64()).to_numpy() * unit_of(name) for name in names])
@@ -143,7 +143,7 @@ def _field(table: Any, field: str, names: Sequence[str]) -> Any:
 
 
 def read_events(folder: Path) -> tuple[Finding, ...]:
-    """Read ``events.csv`` of a run folder, of this version or of 0.2 with kinds and texts.
+    """Read ``events.csv`` of a run folder; version 0.2 wrote kinds and texts instead of codes and values.
 
     Raises: InputError: the file is damaged.
     """
@@ -163,5 +163,6 @@ def _finding_of_row(row: Mapping[str, Any]) -> Finding:
     if "code" in row:
         texts = {name: text_of_cell(row[name]) for name in ("code", "severity", "subject")}
         return Finding.from_dict(times | texts | {"values": json.loads(row["values"])})
+    # a row of version 0.2
     values = {"value": row["value"], "limit": row["limit"], "text": text_of_cell(row["action"])}
     return Finding.from_dict(times | {"code": row["kind"], "severity": "note", "values": values})

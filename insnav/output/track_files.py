@@ -38,19 +38,19 @@ from insnav.spline import Spline
 from insnav.types import FloatArray, Trajectory
 from insnav.units import DEG
 
-_GAP = 2.0  # median steps: a spline across a longer one would swing [-]
-_FEWEST = 4  # rows of a spline
+_GAP = 2.0  # longest step of a spline, in median steps [-]: across longer gaps it would oscillate
+_FEWEST = 4  # fewest rows for a spline
 
 
 def body_motion(track: Trajectory) -> tuple[FloatArray, FloatArray]:
-    """Differentiate attitude and velocity by cubic splines.
+    """Compute angular rate and acceleration relative to the Earth, by cubic splines of attitude and velocity.
 
-    Returns: rate ``w_eb_b`` (n, 3) [rad/s] and acceleration over ground (n, 3) [m/s^2], body axes: without rotation and
-    gravity of the Earth. Zero in parts of fewer than four rows between gaps, NaN where the trajectory is unknown.
+    Returns: rate ``w_eb_b`` (n, 3) [rad/s] and acceleration without gravity (n, 3) [m/s^2], in body axes. Derivatives
+    are zero in parts of fewer than four rows between gaps; NaN where the trajectory is unknown.
     """
-    q = quat_from_rph(track.rph)
-    turned = np.where(np.sum(q[1:] * q[:-1], axis=1) < 0.0, -1.0, 1.0)
-    q *= np.concatenate([[1.0], np.cumprod(turned)])[:, None]
+    q = quat_from_rph(track.rph)  # signs are arbitrary; made continuous below, for the splines
+    sign = np.where(np.sum(q[1:] * q[:-1], axis=1) < 0.0, -1.0, 1.0)
+    q *= np.concatenate([[1.0], np.cumprod(sign)])[:, None]
     slope = np.zeros((len(q), 7))
     step = np.diff(track.time)
     for rows in np.split(np.arange(len(q)), np.flatnonzero(step > _GAP * np.median(step)) + 1):
@@ -58,9 +58,9 @@ def body_motion(track: Trajectory) -> tuple[FloatArray, FloatArray]:
             time = track.time[rows]
             slope[rows] = Spline(time, np.hstack([q, track.v_n])[rows]).changes(time)[0]
     to_body = np.swapaxes(dcm_from_rph(track.rph), 1, 2)
-    over = transport_rate_n(track.lla[:, 0], track.lla[:, 2], track.v_n)
-    acceleration = slope[:, 4:] + np.cross(over, track.v_n)
-    rate = 2.0 * quat_multiply(quat_conjugate(q), slope[:, :4])[:, 1:] + np.einsum("nij,nj->ni", to_body, over)
+    w_en = transport_rate_n(track.lla[:, 0], track.lla[:, 2], track.v_n)
+    acceleration = slope[:, 4:] + np.cross(w_en, track.v_n)
+    rate = 2.0 * quat_multiply(quat_conjugate(q), slope[:, :4])[:, 1:] + np.einsum("nij,nj->ni", to_body, w_en)
     return rate, np.einsum("nij,nj->ni", to_body, acceleration)
 
 
@@ -68,7 +68,7 @@ UTM_SCALE = 0.9996
 _E = math.sqrt(E2)
 _N = (1.0 - math.sqrt(1.0 - E2)) / (1.0 + math.sqrt(1.0 - E2))  # third flattening [-]
 _RADIUS = A / (1.0 + _N) * (1.0 + _N**2 / 4.0 + _N**4 / 64.0 + _N**6 / 256.0)  # eq. 14 [m]
-_ALPHA = (  # eq. 35: rows of coefficients of the powers of n, from the power of the row on
+_ALPHA = (  # eq. 35: row j has the coefficients of n^j, n^(j+1), …
     (1 / 2, -2 / 3, 5 / 16, 41 / 180, -127 / 288, 7891 / 37800),
     (13 / 48, -3 / 5, 557 / 1440, 281 / 630, -1983433 / 1935360),
     (61 / 240, -103 / 140, 15061 / 26880, 167603 / 181440),
@@ -79,7 +79,7 @@ _ALPHA = (  # eq. 35: rows of coefficients of the powers of n, from the power of
 
 
 def utm_zone(lat: float, lon: float) -> tuple[int, bool]:
-    """Return number of the UTM zone of a position [rad], with its exceptions in Norway, and whether it is southern."""
+    """Return the UTM zone of a position [rad], including the exceptions in Norway, and True south of the equator."""
     north, east = lat / DEG, (lon / DEG + 180.0) % 360.0 - 180.0
     zone = int((east + 180.0) // 6.0) + 1
     if 56.0 <= north < 64.0 and 3.0 <= east < 12.0:
@@ -90,7 +90,7 @@ def utm_zone(lat: float, lon: float) -> tuple[int, bool]:
 
 
 def transverse_mercator(lat: FloatArray, lon: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Project positions onto a transverse Mercator plane with unit scale on its meridian.
+    """Project positions onto a transverse Mercator plane with unit scale on the central meridian.
 
     `lat` (n,) [rad]. `lon` (n,): from the central meridian [rad].
     Returns: east, north [m], and meridian convergence [rad]: azimuth minus grid azimuth; (n,) each. Accurate to
@@ -103,7 +103,7 @@ def transverse_mercator(lat: FloatArray, lon: FloatArray) -> tuple[FloatArray, F
     eta = np.arcsinh(np.sin(lon) / np.hypot(conformal, np.cos(lon)))
     north, east, p, q = xi.copy(), eta.copy(), np.ones_like(xi), np.zeros_like(xi)
     for j, row in enumerate(_ALPHA, 1):
-        alpha = sum(each * _N ** (j + k) for k, each in enumerate(row))
+        alpha = sum(coefficient * _N ** (j + k) for k, coefficient in enumerate(row))
         north += alpha * np.sin(2 * j * xi) * np.cosh(2 * j * eta)  # eq. 11
         east += alpha * np.cos(2 * j * xi) * np.sinh(2 * j * eta)
         p += 2 * j * alpha * np.cos(2 * j * xi) * np.cosh(2 * j * eta)  # eq. 12
@@ -112,10 +112,10 @@ def transverse_mercator(lat: FloatArray, lon: FloatArray) -> tuple[FloatArray, F
     return _RADIUS * east, _RADIUS * north, convergence
 
 
-_DEGREES = np.array([DEG, DEG, 1.0])  # of latitude and longitude; metres of height
+_DEGREES = np.array([DEG, DEG, 1.0])  # factors from degrees to radians for latitude and longitude; height in metres
 KML_POINTS = 5000  # more points slow map programs without visible benefit
 _KNOT = 1852.0 / 3600.0
-_FIXED_SD, _FLOAT_SD = 0.1, 1.0  # horizontal deviations up to which a .pos row is of quality 1, 2; else 5 [m]
+_FIXED_SD, _FLOAT_SD = 0.1, 1.0  # horizontal sd [m] below which a .pos row has quality 1 or 2; else 5
 _NED_TO_ENU = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
 _HEAD = "# time [s], East, North, Up [m] from {:.9f} {:.9f} deg {:.4f} m, qx qy qz qw of Forward-Right-Down axes"
 _FIX, _TWIST, _ODOMETRY = "sensor_msgs/msg/NavSatFix", "geometry_msgs/msg/TwistStamped", "nav_msgs/msg/Odometry"
@@ -125,7 +125,7 @@ _HALF_ROLL = np.array([0.0, 1.0, 0.0, 0.0])  # quaternion from Forward-Left-Up t
 
 @dataclass(frozen=True, slots=True)
 class Track:
-    """Trajectory for export."""
+    """Trajectory for export, with name, times and kind of height."""
 
     trajectory: Trajectory
     name: str
@@ -135,20 +135,20 @@ class Track:
 
     @property
     def degrees(self) -> FloatArray:
-        """Latitude, longitude within 180 [deg], height [m], (n, 3)."""
+        """Latitude, longitude in [-180, 180) [deg], height [m], (n, 3)."""
         lla = self.trajectory.lla / _DEGREES
         lla[:, 1] = (lla[:, 1] + 180.0) % 360.0 - 180.0
         return np.asarray(lla, dtype=np.float64)
 
     @property
     def sd(self) -> FloatArray:
-        """Standard deviations of position and velocity, (n, 6); NaN if unknown."""
+        """Standard deviations of position [m] and velocity [m/s], (n, 6); NaN if unknown."""
         sd = self.trajectory.sd
         return np.full((len(self.trajectory.time), 6), np.nan) if sd is None else sd[:, :6]
 
     @property
     def of_week(self) -> FloatArray:
-        """Seconds of the GPS week of the first row, if the date is known, else the times [s], (n,)."""
+        """Seconds since the start of the first row's GPS week if the date is known, else the times [s], (n,)."""
         if self.gps is None:
             return self.trajectory.time
         since = (self.gps - np.datetime64("1980-01-06")) / np.timedelta64(1, "s")
@@ -156,10 +156,10 @@ class Track:
 
     def instants(self, of: str) -> NDArray[np.datetime64]:
         """Return instants in ``utc`` or ``gps``. Raises: ConfigError: the date is unknown."""
-        found: NDArray[np.datetime64] | None = getattr(self, of)
-        if found is None:
+        times: NDArray[np.datetime64] | None = getattr(self, of)
+        if times is None:
             raise ConfigError("output.no_date", where="--week", begin_s=float(self.trajectory.time[0]))
-        return found
+        return times
 
 
 def gpx(track: Track) -> str:
@@ -178,12 +178,12 @@ def gpx(track: Track) -> str:
 
 
 def kml(track: Track) -> str:
-    """Write KML, as in a run folder."""
+    """Write KML, see `kml_text`."""
     return kml_text(track.trajectory, track.name)
 
 
 def geojson(track: Track) -> str:
-    """Write GeoJSON (RFC 7946): a line, cut at the date line into pieces of two points or more, with their times."""
+    """Write GeoJSON (RFC 7946): a line, cut at the date line into pieces of two points or more, and the times."""
     degrees = track.degrees
     cuts = np.flatnonzero(np.abs(np.diff(degrees[:, 1])) > 180.0) + 1
     pieces = [piece for piece in np.split(np.arange(len(degrees)), cuts) if len(piece) > 1]
@@ -205,7 +205,7 @@ def tum(track: Track) -> str:
 
 
 def euroc(track: Track) -> str:
-    """Write EuRoC ground truth: nanoseconds, East, North, Up from the first epoch, attitude of FRD axes."""
+    """Write EuRoC ground truth: nanoseconds, East, North, Up from the first epoch, velocity, attitude of FRD axes."""
     place, q, v = tangent_poses(track.trajectory)
     if track.utc is not None:
         stamps = (track.utc - np.datetime64(0, "ns")).astype(np.int64)
@@ -219,7 +219,7 @@ def euroc(track: Track) -> str:
 
 
 def pos(track: Track) -> str:
-    """Write an RTKLIB solution in GPS time, with standard deviations and velocity; cross terms are zero."""
+    """Write an RTKLIB solution in GPS time, with standard deviations and velocity; covariances of two axes are zero."""
     instants = np.datetime_as_string(track.instants("gps"), unit="us").tolist()
     sd = np.where(np.isfinite(track.sd), track.sd, 0.0)
     across = np.hypot(*track.sd[:, :2].T)
@@ -246,7 +246,7 @@ def pos(track: Track) -> str:
 
 
 def nmea(track: Track) -> str:
-    """Write GGA, RMC, GST and HDT of each epoch; an ellipsoidal height is an altitude with zero separation."""
+    """Write GGA, RMC, GST and HDT of each epoch; ellipsoidal heights are written with zero separation."""
     instants = np.datetime_as_string(track.instants("utc"), unit="us").tolist()
     heading = np.degrees(track.trajectory.rph[:, 2]) % 360.0
     lines: list[str] = []
@@ -275,15 +275,15 @@ def nmea(track: Track) -> str:
 
 
 def sbet(track: Track) -> bytes:
-    """Write SBET: seconds of the GPS week if known, position, velocity, attitude, frame angle, acceleration, rate.
+    """Write SBET: time, position, velocity, attitude, angle of the level axes, acceleration, angular rate.
 
-    The angle of the level frame from North is zero: velocities are North, East, Down.
-    Accelerations are over ground and rates relative to the Earth, in body axes.
+    Times are seconds of the GPS week if the date is known. The level axes are North, East, Down: their angle is zero.
+    Accelerations and rates are relative to the Earth, in body axes.
     """
-    way = track.trajectory
-    rate, acceleration = body_motion(way)
-    lla = np.column_stack([track.degrees[:, :2] * DEG, way.lla[:, 2]])
-    columns = track.of_week, lla, way.v_n, way.rph, np.zeros(len(way.time)), acceleration, rate
+    trajectory = track.trajectory
+    rate, acceleration = body_motion(trajectory)
+    lla = np.column_stack([track.degrees[:, :2] * DEG, trajectory.lla[:, 2]])
+    columns = track.of_week, lla, trajectory.v_n, trajectory.rph, np.zeros(len(trajectory.time)), acceleration, rate
     return np.column_stack(columns).astype("<f8").tobytes()
 
 
@@ -312,14 +312,14 @@ def utm(track: Track) -> str:
 
 def ecef(track: Track) -> str:
     """Write CSV with Earth-centred, Earth-fixed position and velocity."""
-    way = track.trajectory
-    v_e = np.einsum("nji,nj->ni", level_from_earth(way.lla), way.v_n)
-    both = np.hstack([earth_from_lla(way.lla), v_e])
-    return csv(track, dict(zip(("x_m", "y_m", "z_m", "vx_m_s", "vy_m_s", "vz_m_s"), both.T, strict=True)))
+    trajectory = track.trajectory
+    v_e = np.einsum("nji,nj->ni", level_from_earth(trajectory.lla), trajectory.v_n)
+    columns = np.hstack([earth_from_lla(trajectory.lla), v_e])
+    return csv(track, dict(zip(("x_m", "y_m", "z_m", "vx_m_s", "vy_m_s", "vz_m_s"), columns.T, strict=True)))
 
 
 def csv(track: Track, more: Mapping[str, NDArray[Any]] | None = None) -> str:
-    """Write columns of the solution, UTC if known, and `more`."""
+    """Write the columns of the solution as CSV, with UTC if known, and the columns `more`."""
     import pandas as pd
 
     table = pd.DataFrame({**track.trajectory.columns(), **(more or {})})
@@ -335,14 +335,14 @@ def _minutes(angle: float, digits: int) -> str:
 
 
 def write_kml(folder: Path, solution: Trajectory, name: str) -> Path:
-    """Write ``track.kml``, see `kml_text`; return its path."""
+    """Write ``track.kml`` into a folder, see `kml_text`; return its path."""
     path = folder / "track.kml"
     path.write_text(kml_text(solution, name), encoding="utf-8", newline="\n")
     return path
 
 
 def kml_text(solution: Trajectory, name: str) -> str:
-    """Write the track on the ground, thinned to `KML_POINTS`, with its start and end.
+    """Write KML of the track on the ground, thinned to `KML_POINTS` points, with its start and end.
 
     The height is ellipsoidal, which map programs would take for height above sea level. The track is therefore clamped
     to the ground.
@@ -354,7 +354,7 @@ def kml_text(solution: Trajectory, name: str) -> str:
         f"{x:.8f},{y:.8f},{z:.3f}"
         for x, y, z in zip((lon + 180.0) % 360.0 - 180.0, lat, solution.lla[rows, 2], strict=True)
     ]
-    parts = np.split(np.array(points), np.flatnonzero(np.abs(np.diff(lon)) > 180.0) + 1)  # at the date line
+    parts = np.split(np.array(points), np.flatnonzero(np.abs(np.diff(lon)) > 180.0) + 1)  # cut at date line
     lines = "".join(
         f"<LineString><tessellate>1</tessellate><coordinates>{' '.join(part)}</coordinates></LineString>\n"
         for part in parts
@@ -378,7 +378,7 @@ def kml_text(solution: Trajectory, name: str) -> str:
 def tum_files(
     reference: Trajectory, time: FloatArray, errors: Mapping[str, tuple[FloatArray, FloatArray]]
 ) -> dict[str, str]:
-    """Write the reference and each run at their common epochs, by file name.
+    """Write TUM files of the reference and of each run at their common epochs; return their texts by file name.
 
     `time` (n,): the epochs [s]. `errors` (n, 3): name of each run, its position errors North, East, Down [m] and
     attitude errors roll, pitch, heading [rad].
@@ -395,10 +395,10 @@ def tum_files(
 
 
 def _in_tangent(lla: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return positions (n, 3) in East, North, Up of the first, and rotations (n, 3, 3) to it from local NED axes."""
+    """Return positions (n, 3) in the tangent plane (East, North, Up) at the first; rotations to it from local NED."""
     place = np.column_stack(pymap3d.geodetic2enu(*(lla / _DEGREES).T, *lla[0] / _DEGREES))
-    here, there = (dcm_from_quat(quat_earth_from_level(each)) for each in (lla, lla[:1]))
-    return place, np.asarray(_NED_TO_ENU @ np.swapaxes(there, 1, 2) @ here)
+    local, first = (dcm_from_quat(quat_earth_from_level(positions)) for positions in (lla, lla[:1]))
+    return place, np.asarray(_NED_TO_ENU @ np.swapaxes(first, 1, 2) @ local)
 
 
 def _poses_text(head: str, time: FloatArray, place: FloatArray, turn: FloatArray, rph: FloatArray) -> str:
@@ -416,7 +416,7 @@ def _attitude(turn: FloatArray, rph: FloatArray) -> FloatArray:
 
 
 def tangent_poses(track: Trajectory) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return positions East, North, Up of the first epoch ``(n, 3)`` [m], scalar-first quaternions, velocity [m/s]."""
+    """Return positions [m], scalar-first quaternions and velocities [m/s] in the tangent plane at the first epoch."""
     place, turn = _in_tangent(track.lla)
     return place, _attitude(turn, track.rph), np.einsum("nij,nj->ni", turn, track.v_n)
 
@@ -434,7 +434,7 @@ def bag(track: Track) -> bytes:
     instants = (track.instants("utc") - np.datetime64(0, "ns")).astype(np.int64).tolist()
     place, q, v = tangent_poses(track.trajectory)
     q = quat_multiply(q, _HALF_ROLL)
-    level = track.trajectory.v_n[:, [1, 0, 2]] * [1.0, 1.0, -1.0]  # East, North, Up here, not at the first epoch
+    level = track.trajectory.v_n[:, [1, 0, 2]] * [1.0, 1.0, -1.0]  # East, North, Up at each epoch, not at the first one
     body = np.einsum("nji,nj->ni", dcm_from_quat(q), v)
     sd = track.sd[:, [1, 0, 2]]  # covariance rows are East, North, Up
     known = np.asarray(np.isfinite(sd).all(axis=1))
@@ -464,5 +464,5 @@ def _string(text: str) -> bytes:
 
 
 WRITERS: dict[str, Callable[[Track], str | bytes]] = {
-    each.__name__: each for each in (gpx, kml, geojson, tum, euroc, pos, nmea, sbet, smrmsg, bag, csv, utm, ecef)
+    writer.__name__: writer for writer in (gpx, kml, geojson, tum, euroc, pos, nmea, sbet, smrmsg, bag, csv, utm, ecef)
 }
