@@ -1,7 +1,7 @@
 """Faults of a recording, as instructions for the filter: excluded fixes, state changes and larger standard deviations.
 
-Attitude errors of many degrees are not a linear function of a gyro fault. The filter therefore runs again with each
-fault of the IMU. The search repeats on the new linear record until the fault is unchanged (Gauss-Newton).
+Attitude errors of many degrees are not a linear function of a gyro fault. The filter therefore runs again with the IMU
+faults found so far. The search repeats on the linear record of this run until the faults are unchanged (Gauss-Newton).
 """
 
 from __future__ import annotations
@@ -26,15 +26,15 @@ from insnav.filter.gps_noise import Rough
 from insnav.findings import Code, Finding
 from insnav.types import BoolArray, FloatArray, GpsData, Run, StateChange, Trajectory
 
-ROUNDS = 9  # filter runs, each with the IMU faults of the previous search
-CHANGE_KNOWN = 0.3  # standard deviation of a change of the IMU, relative to the change [-]
-MINUTE, PLACES, NEARLY_ALL = 60.0, 20, 0.9  # duration of the reported drag [s]; epochs tested for it; detected share
-NINE_IN_TEN = 1.28  # standard deviations by which a fault exceeds the limit to be found nine times in ten [-]
-UNSEEN = 1e3  # largest tested size, relative to the typical size [-]
+ROUNDS = 9  # largest number of filter runs, each with the IMU faults of the previous search
+CHANGE_KNOWN = 0.3  # assumed standard deviation of an IMU fault, relative to its size [-]
+MINUTE, PLACES, NEARLY_ALL = 60.0, 20, 0.9  # length of a drag [s]; number of tested epochs; share with detection
+NINE_IN_TEN = 1.28  # a fault this many sd above the detection limit is detected nine times in ten [-]
+UNSEEN = 1e3  # largest tested size of a fault, relative to the typical size [-]
 OFFSET = next(kind for kind in KINDS if kind.name == "offset")
-EITHER = 0.5  # probability of each side of a lasting change: the likelihood is symmetric in time [-]
-LATE = 0.2  # least probability that the fixes with the larger of two delays are on time [-]
-# codes of the finding of each kind, for a fault that ends and for one that stays, and the name of its size
+EITHER = 0.5  # probability of true fixes before, or after, a lasting jump: the likelihood is symmetric in time [-]
+LATE = 0.2  # after a step of the GPS delay: least probability that the fixes of larger delay are on time [-]
+# by kind: code of the finding for a temporary fault, code for a permanent fault, and name of the size in the finding
 CODES = {
     "offset": (Code.RECORD_FALSE_POSITIONS, Code.RECORD_JUMP, "distance_m"),
     "drag": (Code.RECORD_DRIFT, Code.RECORD_DRIFT, "distance_m"),
@@ -48,8 +48,8 @@ CODES = {
     "accel": (Code.CHANGE_ACCEL_BIAS, Code.CHANGE_ACCEL_BIAS, "acceleration_m_s2"),
     "delay": (Code.CHANGE_DELAY, Code.CHANGE_DELAY, "delay_s"),
 }
-SIGNED = Code.CHANGE_GYRO_FAULT, Code.CHANGE_DELAY
-SUBJECTS = {"turned": "imu", "heading": "imu", "velocity": ""}  # except sensors; the default is the fixes
+SIGNED = Code.CHANGE_GYRO_FAULT, Code.CHANGE_DELAY  # findings that report the sign of the size
+SUBJECTS = {"turned": "imu", "heading": "imu", "velocity": ""}  # subject of a finding; default: GPS
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,67 +58,67 @@ class Fault:
 
     kind: Kind
     begin: float  # [s], in the time of the samples
-    end: float  # infinity for a fault that stays [s]
-    size: FloatArray  # (d,) of each column of the kind
+    end: float  # [s]; infinite for a permanent fault
+    size: FloatArray  # (d,) size along each column of the kind, as estimate minus truth
     sd: FloatArray  # (d,) standard deviation of the size
-    gain: float  # decrease of the cost by this fault [-]
-    back: float = np.inf  # time at which displaced positions return [s]
+    gain: float  # decrease of the cost (-2 ln of the evidence) by this fault [-]
+    back: float = np.inf  # time at which displaced positions return to the true track [s]
 
     @property
     def family(self) -> str:
-        """Name of the kind without the axis."""
+        """Name of the kind without the axis: ``gyro`` for ``gyro_x``."""
         return self.kind.name.removesuffix("_x").removesuffix("_y").removesuffix("_z")
 
     def inside(self, time: FloatArray) -> BoolArray:
-        """Return which times are between begin and end."""
+        """Test which times [s] are between begin and end."""
         return np.asarray((time >= self.begin) & (time < self.end))
 
     def displaces(self, time: FloatArray) -> BoolArray:
-        """Return at which times the fixes have a constant offset: after a lasting jump or a drag, until they return."""
+        """Test at which times [s] the fixes are displaced: from a lasting jump or the end of a drag to their return."""
         begin = self.begin if self.family == "offset" and np.isinf(self.end) else self.end
         return np.asarray((time >= begin) & (time < self.back) & (self.family in MOVING))
 
 
 @dataclass(frozen=True, slots=True)
 class Tried:
-    """Fault that the search has tested: a row of the table of the explanation."""
+    """Fault that the search has tested: a row of the fault table in the report."""
 
-    name: str  # of its kind
+    name: str  # name of its kind
     begin: float  # [s]
-    end: float  # infinity for a fault that stays [s]
-    gain: float  # decrease of the cost, prior included [-]
-    prior: float  # cost of its prior [-]
-    unit: str  # in which its size is shown
+    end: float  # [s]; infinite for a permanent fault
+    gain: float  # decrease of the cost, which includes the prior [-]
+    prior: float  # -2 ln of the prior of the fault [-]
+    unit: str  # unit for display of the size
     accepted: bool
     size: float | None = None  # of an accepted fault [SI]
-    left_out: int = 0  # fixes
-    moved: int = 0  # fixes moved back
+    left_out: int = 0  # number of excluded fixes
+    moved: int = 0  # number of fixes moved back to the true track
 
 
 @dataclass(frozen=True, slots=True)
 class Explanation:
-    """Faults of a recording, tested faults, and the work of the search."""
+    """Result of the search: accepted faults, tested faults, and the number of passes and runs."""
 
     faults: tuple[Fault, ...] = ()
     tried: tuple[Tried, ...] = ()
-    passes: int = 0  # over the linear record
-    runs: int = 0  # of the filter over the samples
+    passes: int = 0  # passes over the linear record
+    runs: int = 0  # filter runs over the samples
     findings: tuple[Finding, ...] = ()
-    # times (m,) [s] and variances (m, 9) of position, velocity and attitude between explanations that are nearly alike
+    # times (m,) [s], variances (m, 9) of position, velocity and attitude between explanations of nearly equal cost
     between: tuple[FloatArray, FloatArray] = (np.zeros(0), np.zeros((0, 9)))
 
     def after(self, earlier: Sequence[Explanation]) -> Explanation:
-        """Add the work and the delay steps of earlier explanations, whose delays the fixes no longer have."""
+        """Add passes, runs and delay steps of earlier explanations. The fixes are corrected for these delays by now."""
         tried = (row for each in earlier for row in each.tried if row.accepted and row.name == "delay")
         passes, runs = (sum(getattr(each, name) for each in (*earlier, self)) for name in ("passes", "runs"))
         return replace(self, tried=(*tried, *self.tried), passes=passes, runs=runs)
 
     def of_delay(self) -> tuple[Fault, ...]:
-        """Return the jumps of the GPS delay. The caller corrects the fix times and repeats the initial alignment."""
+        """Return the steps of the GPS delay. The caller corrects the fix times and repeats the initial alignment."""
         return tuple(fault for fault in self.faults if fault.family == "delay")
 
     def widen(self, run: Run) -> Run:
-        """Enlarge the standard deviations for ambiguities, such as the true side of a lasting change."""
+        """Enlarge standard deviations if the data fit two cases: fixes before, or after, a lasting jump may be true."""
         displaced = [fault for fault in self.faults if fault.displaces(run.solution.time).any()]
         if not (displaced or self.of_delay() or self.between[1].any()):
             return run
@@ -140,7 +140,7 @@ class Explanation:
 
 
 def explain_faults(ready: FilterInput, kinds: Sequence[Kind]) -> tuple[FilterInput, Explanation]:
-    """Find the faults in rounds of filter runs, each with the IMU faults found before; apply them to the recording."""
+    """Find the faults of a recording and apply them. Each round runs the filter with the IMU faults found so far."""
     parts, tried, runs = list[Part](), list[Tried](), 0
     for _ in range(ROUNDS):
         try:
@@ -155,20 +155,20 @@ def explain_faults(ready: FilterInput, kinds: Sequence[Kind]) -> tuple[FilterInp
             if previous is not None and previous.search.complete and not of_imu(previous.faults):
                 parts.append(previous)
                 continue
-            like = parts[-1].search.best if parts else None  # of the part before, which has similar noise
-            record, found = search_part(record, kinds, previous and previous.search, like)
-            if not np.isfinite(found.best.cost):  # too far from linear to be calculated
+            neighbour = parts[-1].search.best if parts else None  # the previous part has similar noise
+            record, result = search_part(record, kinds, previous and previous.search, neighbour)
+            if not np.isfinite(result.best.cost):  # the errors are too large for the linear model
                 return ready, Explanation()
-            tried += considered_of(record, found)
+            tried += considered_of(record, result)
             if not parts:
-                detectable = state_detectable(record, found.best.seen, kinds)  # in the first part alone
-            faults = faults_in(record, found)
-            if found.complete:  # otherwise the search may return to it
-                found = replace(found, best=replace(found.best, seen=found.best.seen.bare()))
-            parts.append(Part(record.time, record.interval, found, faults))
+                detectable = state_detectable(record, result.best.seen, kinds)  # for the first part only
+            faults = faults_in(record, result)
+            if result.complete:  # an incomplete search continues from this pass and needs its arrays
+                result = replace(result, best=replace(result.best, seen=result.best.seen.bare()))
+            parts.append(Part(record.time, record.interval, result, faults))
             spill.release()
-        same = alike(of_imu(faults_of(previous_parts)), of_imu(faults_of(parts)))
-        if same and all(part.search.complete or part.search.passes > BUDGET for part in parts):
+        unchanged = alike(of_imu(faults_of(previous_parts)), of_imu(faults_of(parts)))
+        if unchanged and all(part.search.complete or part.search.passes > BUDGET for part in parts):
             break
     if not parts:
         return ready, Explanation()
@@ -189,7 +189,7 @@ def explain_faults(ready: FilterInput, kinds: Sequence[Kind]) -> tuple[FilterInp
 class Part(NamedTuple):
     """Part of a recording, with its search and its faults."""
 
-    time: FloatArray  # of the epochs [s]
+    time: FloatArray  # (m,) times of the epochs [s]
     interval: float  # usual time between epochs [s]
     search: Search
     faults: list[Fault]
@@ -201,22 +201,22 @@ def faults_of(parts: Iterable[Part]) -> list[Fault]:
 
 
 def mix(search: Search) -> FloatArray:
-    """Compute the variance between explanations, weighted by their probability, (m, 9)."""
-    # a run again about faults of the IMU may have other epochs
-    every = [search.best, *(each for each in search.others if each.seen.nav.shape == search.best.seen.nav.shape)]
-    part = np.exp(-0.5 * (np.array([each.cost for each in every]) - search.best.cost))
-    off = np.array([each.seen.nav - search.best.seen.nav for each in every])
-    off[:, :, 6:8] = np.linalg.norm(off[:, :, 6:8], axis=2, keepdims=True)  # tilts are of the level axes
-    return np.asarray(np.tensordot(part / part.sum(), off**2, axes=1))
+    """Compute the variance of the smoothed errors between explanations, weighted by their probability, (m, 9)."""
+    # explanations from an earlier filter run may have other epochs, and are left out
+    fits = [search.best, *(each for each in search.others if each.seen.nav.shape == search.best.seen.nav.shape)]
+    probability = np.exp(-0.5 * (np.array([each.cost for each in fits]) - search.best.cost))
+    apart = np.array([each.seen.nav - search.best.seen.nav for each in fits])
+    apart[:, :, 6:8] = np.linalg.norm(apart[:, :, 6:8], axis=2, keepdims=True)  # total tilt for roll and for pitch
+    return np.asarray(np.tensordot(probability / probability.sum(), apart**2, axes=1))
 
 
 def of_imu(faults: Sequence[Fault]) -> list[Fault]:
-    """Return the faults of the IMU, with which the filter must run again."""
+    """Return the faults of the IMU. The filter must run again to apply them."""
     return [fault for fault in faults if not fault.kind.of_fixes]
 
 
 def alike(some: Sequence[Fault], others: Sequence[Fault]) -> bool:
-    """Compare two lists of faults: equal kinds and times, and sizes within `SAME`."""
+    """Test whether two lists have faults of equal kinds and times, and of sizes that differ by less than `SAME`."""
     return len(some) == len(others) and all(
         (one.kind.name, one.begin, one.end) == (two.kind.name, two.begin, two.end)
         and np.linalg.norm(one.size - two.size) <= SAME * np.linalg.norm(two.size)
@@ -225,7 +225,7 @@ def alike(some: Sequence[Fault], others: Sequence[Fault]) -> bool:
 
 
 def faults_in(record: LinearRecord, search: Search) -> list[Fault]:
-    """Convert the accepted steps of a search to faults in time. A return ends earlier displacements of the fixes."""
+    """Convert the accepted steps of a search to faults. A step `RETURN` ends the earlier displacements of the fixes."""
     faults: list[Fault] = []
     for step, gain in zip(search.best.steps, search.gains, strict=True):
         begin, end = record.span_of(step)
@@ -247,7 +247,7 @@ def faults_in(record: LinearRecord, search: Search) -> list[Fault]:
 
 
 def considered_of(record: LinearRecord, search: Search) -> list[Tried]:
-    """Return the table rows of the faults that the search has rejected."""
+    """Build the table rows of the faults that the search has tested and rejected."""
     tested = ((each, each.steps[0], prior_of(each.steps, record.interval)) for each in search.considered)
     return [
         Tried(step.kind.name, *record.span_of(step), each.gain, prior, step.kind.unit, accepted=False)
@@ -257,7 +257,7 @@ def considered_of(record: LinearRecord, search: Search) -> list[Tried]:
 
 
 def accepted_as(ready: FilterInput, fault: Fault, step: Step, interval: float) -> Tried:
-    """Return the table row of an accepted fault."""
+    """Build the table row of an accepted fault, with the numbers of excluded and moved fixes."""
     false, time = apply_faults(ready, [fault]).explained.false, ready.fix_time
     left_out = 0 if false is None else int(np.count_nonzero(false.any(axis=0)))
     moved = int(np.count_nonzero(fault.displaces(time)))
@@ -266,15 +266,15 @@ def accepted_as(ready: FilterInput, fault: Fault, step: Step, interval: float) -
 
 
 def state_detectable(record: LinearRecord, of: Pass, kinds: Sequence[Kind]) -> Finding:
-    """Compute the smallest faults of the fixes that the search detects with probability 0.9 in most of the record.
+    """Compute the smallest faults of the fixes that the search detects with probability 0.9, in 90 % of the record.
 
     Minimal detectable bias: W. Baarda, "A testing procedure for use in geodetic networks", Netherlands Geodetic
     Commission 2/5 (1968). The critical value is the gain that the search requires.
     """
-    values, information = dict[str, Any](), of.scores[1]  # (m, n, n), of a step before each epoch
+    values, information = dict[str, Any](), of.scores[1]  # (m, n, n): of a step before each epoch
     length = max(int(MINUTE / record.interval), 2)
     rows = np.linspace(1, max(record.time.size - length - 1, 1), PLACES).astype(int)
-    followed = "followed_drag" if "velocity offset" in record.states else "drag"  # measured velocities drift, too
+    followed = "followed_drag" if "velocity offset" in record.states else "drag"  # velocities follow the drag
     for name, key in (("offset", "jump_m"), (followed, "drift_m_s"), ("drag", "minute_m_s")):
         kind = next(each for each in kinds if each.name == name)
         columns, end_cost = record.columns(kind), cost_of_end(record.interval) * (key == "minute_m_s")
@@ -285,16 +285,16 @@ def state_detectable(record: LinearRecord, of: Pass, kinds: Sequence[Kind]) -> F
             known = known + columns.T @ information[later] @ columns - cross - np.swapaxes(cross, 1, 2)
         misfit = misfit_of(record, of, kind)
         least = [_least_found(each, kind, record.interval, end_cost, misfit) for each in known]
-        value = float(np.quantile(least, NEARLY_ALL, method="lower"))  # some are infinite
+        value = float(np.quantile(least, NEARLY_ALL, method="lower"))  # undetectable faults are infinite
         if value < UNSEEN * kind.size:
             values[key] = value
     return Finding.of(Code.GPS_DETECTABLE, **values)
 
 
 def _least_found(known: FloatArray, kind: Kind, interval: float, ends: float, misfit: float) -> float:
-    """Compute the smallest detectable size of a step in its weakest horizontal direction.
+    """Compute the size of a step that is detected with probability 0.9 in its least observable horizontal direction.
 
-    `known`: information (d, d) of the step. The detection probability is 0.9.
+    `known`: information (d, d) of the step. `ends`: prior cost of its end. `misfit`: gain of model errors by chance.
     """
     value, vectors = np.linalg.eigh(known[:2, :2])
     sizes, variances = kind.size * np.geomspace(1.0 / UNSEEN, UNSEEN, 121), kind.size**2 * SIZES
@@ -306,22 +306,22 @@ def _least_found(known: FloatArray, kind: Kind, interval: float, ends: float, mi
 
 
 def apply_faults(ready: FilterInput, faults: Sequence[Fault]) -> FilterInput:
-    """Apply faults to a recording: exclude false fixes, change the filter state, and increase the noise."""
+    """Apply faults to a recording: exclude or move fixes, list changes of the filter state, and increase the noise."""
     gps, time, changes, rough = ready.gps, ready.fix_time, [*ready.explained.changes], list[Rough]()
     false = np.zeros((2, time.size), dtype=np.bool_)
     for fault in faults:
         inside = fault.inside(time)
         if fault.family in MOVING:
-            passes = np.isfinite(fault.end) or fault.family != "offset"
-            false[0] |= inside & passes
+            temporary = np.isfinite(fault.end) or fault.family != "offset"
+            false[0] |= inside & temporary
             false[1] |= inside & (fault.family == "followed_drag")
-            if (off := fault.displaces(time)).any():
-                gps = replace(gps, lla=lla_offset(gps.lla, -_moved(fault) * off[:, None]))
+            if (displaced := fault.displaces(time)).any():
+                gps = replace(gps, lla=lla_offset(gps.lla, -_moved(fault) * displaced[:, None]))
         elif fault.family == "velocity_offset":
             false[1] |= inside
         elif fault.kind.fills:
             rough.append(Rough(fault.begin, fault.end, float(fault.size[0]), FADES))
-            # errors larger than a typical offset carry no information and may not be random
+            # exclude positions with larger errors than a typical offset: the errors may not be random
             false[0] |= inside & (rough[-1].sd > OFFSET.size)
         elif fault.family != "delay":
             changes += _changes_of(fault)
@@ -337,23 +337,23 @@ def _changes_of(fault: Fault) -> list[StateChange]:
     change = np.zeros(3)
     change[int(axis) :][: fault.size.size] = fault.size
     variance = np.full(3, (CHANGE_KNOWN * np.linalg.norm(change)) ** 2)
-    found = [StateChange(fault.begin, NAMES[name], change, variance)]
+    changes = [StateChange(fault.begin, NAMES[name], change, variance)]
     if np.isfinite(fault.end):
-        found.append(StateChange(fault.end, NAMES[name], -change, variance))
-    return found
+        changes.append(StateChange(fault.end, NAMES[name], -change, variance))
+    return changes
 
 
 def _moved(fault: Fault) -> FloatArray:
-    """Compute the displacement of the positions by a fault, North, East, Down (3,) [m]."""
+    """Compute the final displacement of the positions by an offset or a drag, North, East, Down (3,) [m]."""
     return fault.size if fault.family == "offset" else np.asarray(fault.size * (fault.end - fault.begin))
 
 
 def find(fault: Fault, gps: GpsData) -> Finding:
-    """Build the finding of a fault."""
-    passes, stays, name = CODES[fault.family]
+    """Build the finding that reports a fault, with its subject, times and size."""
+    code_temporary, code_permanent, name = CODES[fault.family]
     size = _moved(fault) if name == "distance_m" and np.isfinite(fault.end) else fault.size
-    code = passes if np.isfinite(fault.end) else stays
-    value = -float(size[0]) if code in SIGNED else float(np.linalg.norm(size))  # errors are estimate minus truth
+    code = code_temporary if np.isfinite(fault.end) else code_permanent
+    value = -float(size[0]) if code in SIGNED else float(np.linalg.norm(size))  # size is estimate minus truth
     sensor = fault.family in ("gyro", "accel")
     subject = fault.kind.name.replace("_", " ") if sensor else SUBJECTS.get(fault.family, "gps")
     inside = gps.time[fault.inside(gps.time)]
