@@ -34,7 +34,7 @@ from insnav.strapdown import intervals
 from insnav.types import FloatArray, GpsData, ImuData, Trajectory
 from insnav.units import DEG
 
-_LONGEST_LEVER = 100.0  # a longer lever arm has another unit [m]
+_LONGEST_LEVER = 100.0  # a longer lever arm must be in another unit [m]
 
 
 def checked(inputs: Inputs) -> Inputs:
@@ -48,14 +48,14 @@ def checked(inputs: Inputs) -> Inputs:
             raise ConfigError(
                 "input.unknown_input", value=key, known=tuple("imu" if name == "imu_model" else name for name in INPUTS)
             )
-        what = INPUTS[key]
-        # a comparison that also fails for NaN
-        if isinstance(value, int | float) and not what.low <= value / what.size <= what.high:
+        item = INPUTS[key]
+        # this comparison also rejects NaN
+        if isinstance(value, int | float) and not item.low <= value / item.size <= item.high:
             raise ConfigError(
-                "input.out_of_range", where=key, value=value / what.size, low=what.low, high=what.high, unit=what.unit
+                "input.out_of_range", where=key, value=value / item.size, low=item.low, high=item.high, unit=item.unit
             )
-        if value is not None and what.choices:
-            one_of(key, value, what.choices)
+        if value is not None and item.choices:
+            one_of(key, value, item.choices)
     with_priors(inputs.get("faults") or {})
     vector("lever_arm", inputs.get("lever_arm"))
     vector("ref_lever_arm", inputs.get("ref_lever_arm"))
@@ -71,7 +71,7 @@ def checked(inputs: Inputs) -> Inputs:
 
 
 def as_given(inputs: Inputs) -> bool:
-    """Return whether nothing is estimated from the whole record: the filter then uses only earlier data."""
+    """Test whether no noise and no faults are estimated from the whole record: the filter uses earlier data only."""
     return Inputs(noise="model", explain="off").items() <= inputs.items()
 
 
@@ -155,13 +155,13 @@ def read_start(path: Path) -> Start:
 
 
 def given_model(recording: Recording) -> Model:
-    """Build the initial model of the inputs."""
+    """Build the model before the first step, from the inputs."""
     inputs = recording.inputs
     return Model(given_receiver(inputs, fixes=recording.gps is not None), given_imu(inputs.get("imu_model")))
 
 
 def given_receiver(inputs: Inputs, *, fixes: bool = True) -> Receiver:
-    """Return the receiver of the inputs; the filter estimates lever arm and delay unless specified, if it has fixes."""
+    """Build the receiver from the inputs. With `fixes`, the filter estimates an unspecified lever arm or delay."""
     lever_b, sd, delay = (
         vector("lever_arm", inputs.get("lever_arm")),
         inputs.get("lever_arm_sd"),
@@ -178,7 +178,7 @@ def given_receiver(inputs: Inputs, *, fixes: bool = True) -> Receiver:
 def given_imu(model: object) -> tuple[ImuSpec, Finding] | None:
     """Return the specified IMU model and its source; None if the data choose it.
 
-    Missing figures of a real part come from its class: a filter would take zero as certain.
+    Parameters missing in a datasheet are completed from the grade of the IMU: the filter would take zeros as exact.
     """
     if model is None:
         return None
@@ -195,7 +195,7 @@ def given_imu(model: object) -> tuple[ImuSpec, Finding] | None:
 
 
 def better_kinds(inputs: Inputs, chosen: ImuSpec) -> tuple[ImuSpec, ...]:
-    """Return the better grades that an unspecified IMU may have; a poorer grade's noise would absorb faults."""
+    """Return the grades better than `chosen`, which an unspecified IMU may have. Poorer grades would absorb faults."""
     if inputs.get("imu_model") is not None:
         return ()
     return tuple(map(load_imu, PRESETS[PRESETS.index(chosen.name) + 1 :]))
@@ -206,8 +206,7 @@ def set_up_filter(
 ) -> Aligned:
     """Align a recording and set the filter up.
 
-    `clock`, `rate`: shift of the sample times at the start [s], and its rate [s/s].
-    `heading`: at the start [rad].
+    `clock`, `rate`: shift of the sample times at the start [s], and its rate [s/s]. `heading`: at the start [rad].
     """
     inputs, imu = recording.inputs, recording.imu.data
     assert recording.fixes is not None
@@ -275,7 +274,7 @@ def accel_reversed(imu: Reading[ImuData], fixes: GpsData, mounting: Mounting | N
 def refuse_exchanged(
     imu: Reading[ImuData], gps: Reading[GpsData] | None, fixes: GpsData, mounting: Mounting | None
 ) -> None:
-    """Refuse latitudes and longitudes whose track is a mirror image: exchanged, it fits better than by `mounting`."""
+    """Refuse exchanged latitudes and longitudes: the corrected track fits the samples better than `mounting` does."""
     right, lla = _headers({"lat": "lon", "lon": "lat"}, gps.facts if gps is not None else None), fixes.lla[:, [1, 0, 2]]
     if gps is None or not right or np.abs(lla[:, 0]).max() >= 0.5 * np.pi:
         return
@@ -287,12 +286,12 @@ def refuse_exchanged(
 
 
 def mounting_of(imu: Reading[ImuData], fixes: GpsData) -> Mounting | None:
-    """Estimate the mounting, possibly impossible axes, from the first half an hour."""
+    """Estimate the mounting from the first half hour. Its axes may be left-handed, if the columns are wrong."""
     return find_mounting(intervals(imu.data.beginning(LONGEST)), fixes)
 
 
 def refusal(mounting: Mounting, facts: ReadingFacts) -> InputError:
-    """Build the error for axes that no rotation maps to the vehicle, or for gyros of other columns."""
+    """Build the error for left-handed axes, or for gyros in a wrong unit, sign or order."""
     where, windows = facts.path, mounting.windows
     sizes = np.abs(mounting.gyros).sum(axis=0)
     if (sizes != 1.0).any():
@@ -321,14 +320,14 @@ def refusal(mounting: Mounting, facts: ReadingFacts) -> InputError:
 
 
 def _headers(keys: Mapping[str, str], facts: ReadingFacts | None) -> dict[str, str]:
-    """Return the headers of other keys for each key, if all are known."""
+    """Return, by key of `keys`, the file header of the column that was read as the value; empty if one is unknown."""
     columns = {} if facts is None else {name: text.split(" [")[0] for name, text in facts.columns.items()}
     known = {key: [text for name, text in columns.items() if name.startswith(keys[key])] for key in keys}
     return {key: texts[0] for key, texts in known.items()} if all(known.values()) else {}
 
 
 def _in_order(sensor: str, matrix: FloatArray, facts: ReadingFacts) -> dict[str, Any]:
-    """Return the right order of columns, the axes that they measure, and their names if no sign is wrong."""
+    """Return the right order of the columns, the axes that they measure, and their headers if no sign is wrong."""
     signed = matrix.sum(axis=1), matrix.sum(axis=0)
     order, about = (
         tuple(

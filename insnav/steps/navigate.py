@@ -1,4 +1,4 @@
-"""Step 10: run the filter over the drive, with available aiding, and the smoother."""
+"""Step 10: run the filter, with available aiding, and the smoother over the drive."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from insnav.steps import Model, Recording
 
 
 def navigate(recording: Recording, model: Model) -> tuple[Recording, Model, tuple[Finding, ...]]:
-    """Navigate the drive.
+    """Run filter and smoother over the aligned recording.
 
     Raises: DivergenceError: the filter lost consistency.
     """
@@ -21,7 +21,7 @@ def navigate(recording: Recording, model: Model) -> tuple[Recording, Model, tupl
     assert model.imu is not None
     task, explanation = model.task, model.explanation
     ready = replace(with_rest(model.ready, model.noise, model.imu[0]), output=task.output or Output())
-    spill.trim()  # arrays of the searches
+    spill.trim()  # free the memory of the searches
     widen = None if explanation is None else explanation.widen
     source = "specification" if model.noise is None else "innovations"
     solved = navigate_prepared(
