@@ -9,8 +9,8 @@ import numpy as np
 from insnav.filter.gps_noise import CorrelatedNoise
 from insnav.types import FloatArray, Source
 
-LEVER_SD = 1.0  # of each component of an unspecified lever arm: antenna and IMU are on one vehicle [m]
-DELAY_SD = 0.05  # agreement of receivers and loggers on time, without other information [s]
+LEVER_SD = 1.0  # prior of each component of an unspecified lever arm: antenna and IMU are on one vehicle [m]
+DELAY_SD = 0.05  # prior of an unspecified delay: agreement of receiver and logger clocks [s]
 
 
 @dataclass(frozen=True, slots=True)
@@ -20,21 +20,21 @@ class LeverArm:
     value: FloatArray = field(default_factory=lambda: np.zeros(3))  # (3,) [m]
     sd: float = 0.0  # of each component [m]
     source: Source = "given"
-    shaken: float = 0.0  # sd of the additional arm by which vibration moves the antenna, for the receiver [m]
+    shaken: float = 0.0  # sd of the vibration arm minus the lever arm [m]; see `error_model.blocks_of`
 
 
 @dataclass(frozen=True, slots=True)
 class Delay:
-    """Age of the fixes at their timestamps; a state if `sd` is above zero: the solution is then in fix time."""
+    """Age of the fixes at their timestamps. If `sd` is above zero, it is a state, and the solution is in fix time."""
 
     value: float = 0.0  # [s]
     sd: float = 0.0  # [s]
     source: Source = "given"
-    # lower limit of the standard deviation, and the delay by the search in addition to `value` [s]; see
+    # lower limit of the reported standard deviation, and delay by the search in addition to `value` [s]; see
     # `Estimate.least_delay_sd`
     least_sd: float = 0.0
     shown: float = 0.0
-    settled: bool = True  # the delay is known; see `insnav.kernels.measurements.correct_with_arm`
+    settled: bool = True  # false: still searched; see `insnav.kernels.measurements.correct_with_arm`
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,21 +43,21 @@ class Lag:
 
     value: float = 0.0  # [s]
     sd: float = 0.0  # [s]
-    moments: tuple[float, ...] = (1.0,)  # sampling instants averaged into a velocity, in lags before the fix [-]
+    moments: tuple[float, ...] = (1.0,)  # instants averaged to a velocity: times before the fix, in lags [-]
 
 
 @dataclass(frozen=True, slots=True)
 class Receiver:
-    """Relation of the fixes to the state."""
+    """Parameters that relate the fixes of a receiver to the filter state."""
 
     lever_arm: LeverArm = field(default_factory=LeverArm)
     delay: Delay = field(default=Delay())
     lag: Lag = field(default=Lag())
-    # of sample timestamps relative to fixes [s]; times speed and acceleration it adds to the noise of every fix
+    # sd of sample timestamps relative to fixes [s]: adds speed and acceleration times this to the noise of a fix
     jitter: float = 0.0
     correlated: CorrelatedNoise | None = None  # time-correlated part of the position error; three more states
-    heading_sd: float = 0.0  # of the heading with the fixes, for example of two antennas [rad]; zero: unused
+    heading_sd: float = 0.0  # of a heading in the fixes, as from two antennas [rad]; zero: unused
 
     def forget_lever_arm(self) -> Receiver:
-        """Return a receiver whose lever arm the drive determines."""
+        """Copy with an unspecified lever arm, for the filter to estimate."""
         return replace(self, lever_arm=LeverArm(sd=LEVER_SD, source="prior"))
