@@ -40,7 +40,7 @@ MARGIN = LOOKAHEAD + strapdown.LOST_WINDOW + 2  # number of newest samples that 
 QUANTUM = 2.0**-40  # resolution of summed angles, far finer than gyros [rad]
 COAST = 1.0  # longest time between filter epochs: the transition is of second order [s]
 BROKEN = 3.0  # a longer time without a rejection ends a series of rejections, if fixes are more frequent [s]
-NOISY, FAR_BEYOND = 3.0, 10.0  # multiples of the RMS gyro noise below which a rate, or its vibration, may be noise [-]
+NOISY, FAR_BEYOND = 3.0, 10.0  # multiples of RMS gyro noise below which a mean rate, or added vibration, may be noise
 FEWEST_REJECTIONS = 5  # rejections needed for a reset, so that one or two of them do not suffice at low rates
 
 
