@@ -199,8 +199,8 @@ def robust_fit(design: FloatArray, values: FloatArray, step: float) -> tuple[Flo
         scale = 1.4826 * float(np.median(np.abs(residual))) or 1.0
         weight = np.sqrt(np.minimum(1.0, 1.5 * scale / np.maximum(np.abs(residual), 1e-12)))
     covariance = np.linalg.inv((design * weight[:, None] ** 2).T @ design) * float(np.mean((weight * residual) ** 2))
-    per_sample = _sum_of_correlations(residual, max(1, round(INTERVAL / step))) * max(1, round(INTERVAL / step))
-    return parameters, residual, float(np.sqrt(covariance[0, 0] * per_sample))
+    inflation = _sum_of_correlations(residual, max(1, round(INTERVAL / step))) * max(1, round(INTERVAL / step))
+    return parameters, residual, float(np.sqrt(covariance[0, 0] * inflation))
 
 
 def time_correlated_sd(residual: FloatArray, step: float) -> float:
@@ -228,13 +228,13 @@ def _sum_of_correlations(residual: FloatArray, stride: int) -> float:
 
 
 LEAST_CORRELATION = 0.9  # least correlation of two records of one motion; hills and corners alone give 0.5 [-]
-CLEARER = 2.0  # the best offset is unique if others leave more than this multiple unexplained, ...
-LEAST_UNEXPLAINED = 0.02  # ... and more than this share, however well two speeds agree [-]
+CLEARER = 2.0  # an offset is the best if all others leave more than this multiple unexplained [-] ...
+LEAST_UNEXPLAINED = 0.02  # ... and more than this share of the variance, however well the best speeds agree [-]
 LONGEST_GAP = 1.0  # longest interval over which a speed is interpolated [s]
 
 
 def clock_offset(time: FloatArray, speed: FloatArray, log_time: FloatArray, log_speed: FloatArray) -> float | None:
-    """Find the clock offset of a log, of any size: the shift with the greatest correlation of its speed.
+    """Find the clock offset of a log: the time shift, of any size, with the greatest correlation of its speed.
 
     On a repetitive route, several shifts are similar. Of these, only shifts of a few seconds are then accepted.
 
