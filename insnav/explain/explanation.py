@@ -28,12 +28,13 @@ from insnav.types import BoolArray, FloatArray, GpsData, Run, StateChange, Traje
 
 ROUNDS = 9  # largest number of filter runs, each with the IMU faults of the previous search
 CHANGE_KNOWN = 0.3  # assumed standard deviation of an IMU fault, relative to its size [-]
-MINUTE, PLACES, NEARLY_ALL = 60.0, 20, 0.9  # length of a drag [s]; number of tested epochs; share with detection
+# minimal detectable fault: length of a temporary drag [s], number of tested epochs, share of epochs with detection
+MINUTE, PLACES, NEARLY_ALL = 60.0, 20, 0.9
 NINE_IN_TEN = 1.28  # a fault this many sd above the detection limit is detected nine times in ten [-]
 UNSEEN = 1e3  # largest tested size of a fault, relative to the typical size [-]
 OFFSET = next(kind for kind in KINDS if kind.name == "offset")
-EITHER = 0.5  # probability of true fixes before, or after, a lasting jump: the likelihood is symmetric in time [-]
-LATE = 0.2  # after a step of the GPS delay: least probability that the fixes of larger delay are on time [-]
+EITHER = 0.5  # at a lasting jump, earlier and later fixes are equally likely to be the true ones [-]
+LATE = 0.2  # at a step of the GPS delay, probability that the fixes of larger delay are on time, not the others [-]
 # by kind: code of the finding for a temporary fault, code for a permanent fault, and name of the size in the finding
 CODES = {
     "offset": (Code.RECORD_FALSE_POSITIONS, Code.RECORD_JUMP, "distance_m"),
@@ -90,7 +91,7 @@ class Tried:
     prior: float  # -2 ln of the prior of the fault [-]
     unit: str  # unit for display of the size
     accepted: bool
-    size: float | None = None  # of an accepted fault [SI]
+    size: float | None = None  # size of an accepted fault [SI]; None if rejected
     left_out: int = 0  # number of excluded fixes
     moved: int = 0  # number of fixes moved back to the true track
 
@@ -118,7 +119,7 @@ class Explanation:
         return tuple(fault for fault in self.faults if fault.family == "delay")
 
     def widen(self, run: Run) -> Run:
-        """Enlarge standard deviations if the data fit two cases: fixes before, or after, a lasting jump may be true."""
+        """Enlarge the sds of a run to cover ambiguities: for example, either side of a lasting jump may be true."""
         displaced = [fault for fault in self.faults if fault.displaces(run.solution.time).any()]
         if not (displaced or self.of_delay() or self.between[1].any()):
             return run
@@ -155,15 +156,15 @@ def explain_faults(ready: FilterInput, kinds: Sequence[Kind]) -> tuple[FilterInp
             if previous is not None and previous.search.complete and not of_imu(previous.faults):
                 parts.append(previous)
                 continue
-            neighbour = parts[-1].search.best if parts else None  # the previous part has similar noise
+            neighbour = parts[-1].search.best if parts else None  # the noise of the previous part is similar
             record, result = search_part(record, kinds, previous and previous.search, neighbour)
-            if not np.isfinite(result.best.cost):  # the errors are too large for the linear model
+            if not np.isfinite(result.best.cost):  # errors are too large for the linear model: give up
                 return ready, Explanation()
             tried += considered_of(record, result)
             if not parts:
-                detectable = state_detectable(record, result.best.seen, kinds)  # for the first part only
+                detectable = state_detectable(record, result.best.seen, kinds)  # in the first part only
             faults = faults_in(record, result)
-            if result.complete:  # an incomplete search continues from this pass and needs its arrays
+            if result.complete:  # free memory; an incomplete search continues from this pass
                 result = replace(result, best=replace(result.best, seen=result.best.seen.bare()))
             parts.append(Part(record.time, record.interval, result, faults))
             spill.release()
@@ -206,7 +207,8 @@ def mix(search: Search) -> FloatArray:
     fits = [search.best, *(each for each in search.others if each.seen.nav.shape == search.best.seen.nav.shape)]
     probability = np.exp(-0.5 * (np.array([each.cost for each in fits]) - search.best.cost))
     apart = np.array([each.seen.nav - search.best.seen.nav for each in fits])
-    apart[:, :, 6:8] = np.linalg.norm(apart[:, :, 6:8], axis=2, keepdims=True)  # total tilt for roll and for pitch
+    # tilts are about north and east: roll and pitch each get the norm of both
+    apart[:, :, 6:8] = np.linalg.norm(apart[:, :, 6:8], axis=2, keepdims=True)
     return np.asarray(np.tensordot(probability / probability.sum(), apart**2, axes=1))
 
 
@@ -274,7 +276,7 @@ def state_detectable(record: LinearRecord, of: Pass, kinds: Sequence[Kind]) -> F
     values, information = dict[str, Any](), of.scores[1]  # (m, n, n): of a step before each epoch
     length = max(int(MINUTE / record.interval), 2)
     rows = np.linspace(1, max(record.time.size - length - 1, 1), PLACES).astype(int)
-    followed = "followed_drag" if "velocity offset" in record.states else "drag"  # velocities follow the drag
+    followed = "followed_drag" if "velocity offset" in record.states else "drag"  # velocities, if measured, agree
     for name, key in (("offset", "jump_m"), (followed, "drift_m_s"), ("drag", "minute_m_s")):
         kind = next(each for each in kinds if each.name == name)
         columns, end_cost = record.columns(kind), cost_of_end(record.interval) * (key == "minute_m_s")
@@ -353,7 +355,7 @@ def find(fault: Fault, gps: GpsData) -> Finding:
     code_temporary, code_permanent, name = CODES[fault.family]
     size = _moved(fault) if name == "distance_m" and np.isfinite(fault.end) else fault.size
     code = code_temporary if np.isfinite(fault.end) else code_permanent
-    value = -float(size[0]) if code in SIGNED else float(np.linalg.norm(size))  # size is estimate minus truth
+    value = -float(size[0]) if code in SIGNED else float(np.linalg.norm(size))  # truth minus estimate
     sensor = fault.family in ("gyro", "accel")
     subject = fault.kind.name.replace("_", " ") if sensor else SUBJECTS.get(fault.family, "gps")
     inside = gps.time[fault.inside(gps.time)]

@@ -37,8 +37,8 @@ class Kind:
     rate: float  # number of begins per hour [1/h]
     size: float  # typical size, in the unit of the states
     of_fixes: bool  # true for a fault of the fixes, false for a fault of the IMU
-    passes: bool = True  # the fault may end
-    fills: bool = False  # noise at every epoch of an interval, instead of one step
+    passes: bool = True  # true if the fault may end
+    fills: bool = False  # true for noise at every epoch of an interval, false for one step
 
     @property
     def unit(self) -> str:
@@ -46,10 +46,9 @@ class Kind:
         return UNITS_OF[self.steps[0][0].rsplit(" ", 1)[0]] if self.steps else ""
 
     def cost(self, variance: FloatArray | float, interval: float) -> FloatArray:
-        """Compute -2 ln of the prior of a step at one epoch [-]: its rate, and its log-normal size.
+        """Compute -2 ln of the prior of a step at one epoch [-], by its rate and its log-normal size.
 
-        `variance`: squared size. `interval`: time between epochs [s]. The constant of the normal density and the width
-        of the posterior peak are left out, as they nearly cancel.
+        `interval`: between epochs [s]. The constant of the density and the width of its peak nearly cancel: omit both.
         """
         if not self.steps:
             return np.asarray(cost_of_end(interval))
@@ -80,7 +79,7 @@ KINDS: tuple[Kind, ...] = (
     *(Kind(f"accel_{'xyz'[i]}", ((f"accel {i}",),), 0.03, 0.2, False) for i in range(3)),
     Kind("delay", (("delay 0",),), 0.1, 0.2, True, passes=False),
 )
-# the fixes return to the true track some time after they were displaced
+# return of displaced fixes to the true track, which ends an earlier fault at a separate epoch
 RETURN = Kind("return", (), ENDS, 1.0, True, passes=False)
 
 

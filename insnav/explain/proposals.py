@@ -2,8 +2,8 @@
 
 A pass yields the score r and the information N of a step before each epoch. A step of variance t increases twice the
 log-likelihood by r' (I/t + N)^-1 r - log det(I + t N) (M. E. Tipping, A. C. Faul, "Fast marginal likelihood
-maximisation for sparse Bayesian models", AISTATS 2003). Its gain is this increase less the cost of its prior. An
-episode is a temporary fault: a step and, later, the opposite step.
+maximisation for sparse Bayesian models", AISTATS 2003). Its gain is this increase less the cost of its prior. A fault
+that ends, an episode, is a pair of opposite steps.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ REACH = 150.0  # length of the longest tested episode [s]
 SETTLES = 2.0  # least length of an episode, in epochs [-]
 TOPS, APART = 5, 8.0  # number of tested maxima of the gain over time, and least time between them [s]
 SHORTEST = 5  # length that an interval of noise must exceed, in epochs
-NONE = np.empty((0, 2), dtype=np.int64)  # no series of false fixes
+NONE = np.empty((0, 2), dtype=np.int64)  # empty list of series of false fixes
 BLOCK = 60.0  # length of the parts of a drive whose largest gains measure the misfit of the model [s]
 MOVING = "offset", "drag", "followed_drag"  # kinds that displace the fixes, which may return later
 FEWEST = 4  # least number of parts for quartiles
@@ -50,7 +50,7 @@ def score_kind(kind: Kind, score: FloatArray, information: FloatArray, interval:
 
 
 def gains_of(score: FloatArray, information: FloatArray, variances: FloatArray) -> FloatArray:
-    """Compute the increase of twice the log-likelihood by a step before each epoch, for `variances` (k,): (k, m).
+    """Compute the increase of twice the log-likelihood by a step before each epoch, (k, m), for `variances` (k,).
 
     A single infinite variance stands for a step of free size: the increase is r' N^-1 r.
     """
@@ -64,7 +64,7 @@ def gains_of(score: FloatArray, information: FloatArray, variances: FloatArray) 
 
 
 def misfit_of(record: LinearRecord, of: Pass, kind: Kind, beside: Sequence[int] = ()) -> float:
-    """Estimate the increase r' N^-1 r that model errors of this drive reach by chance `FALSE_ALARMS` times an hour.
+    """Estimate the increase r' N^-1 r that model errors of the drive cause by chance, `FALSE_ALARMS` times an hour.
 
     `beside`: epochs of known faults. Parts of the drive with such an epoch are not used.
 
@@ -140,7 +140,7 @@ def _end(record: LinearRecord, of: Pass, known: tuple[Step, ...], number: int, p
 def _pairs(
     record: LinearRecord, of: Pass, kind: Kind, seen: tuple[FloatArray, FloatArray], tops: Sequence[int]
 ) -> set[tuple[int, int, float, float]]:
-    """Find the best episodes from the epochs `tops`: search in turn the end of a begin and the begin of an end.
+    """Find the best episodes from the epochs `tops`: optimise end and begin in turn.
 
     `seen`: score and information of a step before each epoch. Returns begin, end, gain without prior, and variance.
     """

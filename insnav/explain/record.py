@@ -35,7 +35,7 @@ LONGEST, SHORTEST = 1024, 256  # largest and smallest number of epochs in a part
 FAULTS = 9  # number of fault states: offset of positions, drift of this offset, offset of velocities
 TAILS = 4.0  # degrees of freedom of Student's t distribution of fix errors and of IMU noise [-]
 WEIGHTED = np.array([3.0, 3.0, NAV])  # values that share a weight: of a position, a velocity, the IMU noise of a span
-LEAST = (TAILS + WEIGHTED) / (TAILS + 0.6 * WEIGHTED)  # limit of a weight: normalised residuals with squares of 0.6 [-]
+LEAST = (TAILS + WEIGHTED) / (TAILS + 0.6 * WEIGHTED)  # upper limit of a weight, for squared residuals of 0.6 [-]
 # Prior sd of the logarithms of five noise figures, upwards and downwards. Three are factors on position sd, velocity sd
 # and IMU noise. Two are the odds of the time-correlated share of the position variance, and its correlation time.
 # Small innovations do not prove that fixes are better than stated: time-correlated errors are invisible in them. Within
@@ -45,7 +45,7 @@ FAR = 2.0  # limit of a noise figure's deviation from its prior, in sd: beyond i
 POSITION, VELOCITY, IMU, SHARE, TIME_OF_SHARE = range(5)  # indices of the noise figures
 # Kinds whose end sets fault states to zero. Others end by the opposite step: after a drag, positions stay displaced
 CLEARED = {"offset": linear.NO_POSITION, "rough": linear.NO_POSITION, "velocity_offset": linear.NO_VELOCITY}
-NAMES = {"position": 0, "velocity": 3, "attitude": 6, "gyro": 9, "accel": 12, "delay": STATES}  # first index of each
+NAMES = {"position": 0, "velocity": 3, "attitude": 6, "gyro": 9, "accel": 12, "delay": STATES}  # first state of each
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,7 +89,7 @@ class Noise:
         With zero curvature, the damping limits the step to 0.5. If a variance is ten times too small, the cost still
         decreases over this step.
         """
-        free = np.not_equal(self.moved(-np.sign(slope)).figures, self.figures).nonzero()[0]  # not at a limit
+        free = np.not_equal(self.moved(-np.sign(slope)).figures, self.figures).nonzero()[0]  # figures not at a limit
         step, damped = np.zeros(slope.size), curve + 2.0 * np.diag(np.abs(slope))
         step[free] = -np.linalg.solve(damped[free[:, None], free], slope[free])
         return self.moved(step)
@@ -218,7 +218,7 @@ class LinearRecord:
         hp, both = h @ before, used[:, :, None] & used[:, None]
         s = hp @ np.swapaxes(h, 1, 2) + np.where(both, history[:, NOISE : NOISE + 36].reshape(m, 6, 6), np.eye(6))
         gain = np.linalg.solve(s, hp)
-        after = np.roll(before - np.swapaxes(hp, 1, 2) @ gain, 1, axis=0)  # after the measurement of the epoch before
+        after = np.roll(before - np.swapaxes(hp, 1, 2) @ gain, 1, axis=0)  # updated covariance, epoch before
         # noise of a span between epochs: its predicted covariance minus the propagated covariance
         q = before[:, :NAV, :NAV] - phi @ after[:, :STATES, :STATES] @ np.swapaxes(phi, 1, 2)
         variance_before, variance_after = (np.diagonal(each, axis1=1, axis2=2)[:, NAV:] for each in (before, after))
@@ -228,7 +228,7 @@ class LinearRecord:
         q = (vectors * np.maximum(values, 0.0)[:, None]) @ np.swapaxes(vectors, 1, 2)
         q[0] = 0.0
         states = NAMES | {"correlated": index.correlated, "offset": n, "drift": n + 3, "velocity offset": n + 6}
-        unseen = {"delay": index.delay < 0, "velocity offset": not used[:, 3:].any()}  # without effect: no search
+        unseen = {"delay": index.delay < 0, "velocity offset": not used[:, 3:].any()}  # states without effect
         states = {name: first for name, first in states.items() if not unseen.get(name)}
         of_faults = np.zeros((m, 6, FAULTS))
         of_faults[:, range(3), range(3)] = of_faults[:, range(3, 6), range(6, 9)] = -1.0
@@ -343,7 +343,7 @@ class LinearRecord:
         return score @ by, np.asarray(by.T @ information @ by)
 
     def columns(self, kind: Kind) -> FloatArray:
-        """Build the columns of a kind, (n, d): one at the states that step. (n, 0) if the record lacks such a state."""
+        """Build the columns of a kind, (n, d), with ones at the states that step; (n, 0) without such a state."""
         matrix = np.zeros((self.start.shape[0], len(kind.steps)))
         for column, names in enumerate(kind.steps):
             for name, axis in (each.rsplit(" ", 1) for each in names):

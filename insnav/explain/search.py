@@ -153,7 +153,7 @@ class _Searcher:
         return sorted(gathered, key=lambda each: -each[0].gain)
 
     def improve(self, fit: Fit, considered: list[Considered]) -> Fit:
-        """Fit the best proposal of each form. Return the best fit with a significant fault, or with the old ones."""
+        """Fit the best proposal of each form, see `form_of`. Return the best fit, or the old faults fitted again."""
         trials: dict[int, Fit] = {}
         forms = set[tuple[str, bool]]()
         for proposal, start in self.proposals(fit):
@@ -172,7 +172,7 @@ class _Searcher:
         for number, trial in sorted(trials.items(), key=lambda each: each[1].cost):
             if trial.cost > fit.cost - ACCEPT:
                 break
-            fit = min(fit, self.settle(trial, fit.steps), key=lambda each: each.cost)  # with its noise and weights
+            fit = min(fit, self.settle(trial, fit.steps), key=lambda each: each.cost)  # refit without its faults
             if self.is_real(fit, trial, considered[number].steps):
                 considered[number] = replace(considered[number], accepted=True)
                 return trial

@@ -60,7 +60,7 @@ _STAGES = dict.fromkeys(LOAD, "checking the data") | {  # messages of the progre
     "navigate": "navigating",
     **dict.fromkeys(("check_given", "evaluate"), "evaluating"),
 }
-_COLUMNS = ("gyro", "accel", "lla", "v_n", "position_sd", "velocity_sd")  # named in an arithmetic error
+_COLUMNS = ("gyro", "accel", "lla", "v_n", "position_sd", "velocity_sd")  # listed in arithmetic errors
 
 
 @dataclass(frozen=True, slots=True)

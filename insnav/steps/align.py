@@ -25,7 +25,7 @@ from insnav.input.readers.kinds import files_with
 from insnav.steps import Estimate, Model, Recording
 from insnav.steps.given import as_given, set_up_filter
 
-LATE, LATE_SURE = 0.03, 10.0  # least error of a specified delay to be rejected: [s], and in sd of the estimate
+LATE, LATE_SURE = 0.03, 10.0  # a specified delay is rejected if its error exceeds both: [s], and sd of the estimate
 
 
 def align(recording: Recording, model: Model) -> tuple[Recording, Model, tuple[Finding, ...]]:
@@ -46,13 +46,13 @@ def align(recording: Recording, model: Model) -> tuple[Recording, Model, tuple[F
         if model.receiver.delay.source == "given":
             aligned, model = with_right_delay(aligned, recording, model, given)
         tested, arm = model, model.receiver.lever_arm
-        if arm.source == "given" and not arm.sd:  # gyro noise above its specification makes an arm shorter
+        if arm.source == "given" and not arm.sd:  # test a specified arm, unless gyro noise spoils the estimate
             run, off, limit = lever_off(aligned.ready, arm.value)
             if (off > limit).any() and pretended(aligned.ready, run) <= PRETENDED:
                 tested = replace(model, receiver=model.receiver.forget_lever_arm())
                 aligned = _on_time(recording, tested, given)
         if given is not None:
-            with suppress(AlignmentError):  # the drive alone does not determine the heading
+            with suppress(AlignmentError):  # ignore a drive that does not determine the heading
                 aligned = with_right_heading(aligned, _on_time(recording, tested, None))
     clock = Estimate(aligned.clock, aligned.ready.receiver.delay.least_sd, "data")
     return recording, replace(model, ready=aligned.ready, clock=clock), aligned.findings

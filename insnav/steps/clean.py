@@ -31,7 +31,7 @@ def clean(recording: Recording, model: Model) -> tuple[Recording, Model, tuple[F
         return recording, model, ()
     fixes = with_sd(recording.gps.data)[0]
     for sensor, values in (("gyros", recording.imu.data.gyro), ("accelerometers", recording.imu.data.accel)):
-        zero = not any(values[part].any() for part in blocks(len(values)))  # in motion: coarse gyros are zero at rest
+        zero = not any(values[part].any() for part in blocks(len(values)))  # no error at rest, for coarse gyros
         if zero and first_motion(velocity(fixes), fixes.time[0]) is not None:
             raise InputError("imu.triad_zero", where=facts.path, sensor=sensor)
     moving = without_frozen(fixes, recording.imu.data)[0]

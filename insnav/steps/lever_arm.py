@@ -12,7 +12,7 @@ from insnav.findings import Code, Finding, added
 from insnav.steps import PREPARE, Model, Recording, run_steps
 from insnav.steps.given import as_given
 
-MARGIN = 3.0  # in sd, added to the detectable error: noise estimated with a wrong arm is too large [-]
+MARGIN = 3.0  # added to the detectable error, in sd: noise estimated with a wrong arm is too large [-]
 
 
 def lever_arm(recording: Recording, model: Model) -> tuple[Recording, Model, tuple[Finding, ...]]:
@@ -21,7 +21,7 @@ def lever_arm(recording: Recording, model: Model) -> tuple[Recording, Model, tup
     assert model.ready is not None
     if arm.source != "given" or arm.sd or as_given(recording.inputs):
         return recording, model, ()
-    if rejected := model.ready.receiver.lever_arm.sd > 0.0:  # the alignment rejected it: repeat the test
+    if rejected := model.ready.receiver.lever_arm.sd > 0.0:  # the alignment, without known faults, rejected the arm
         _, off, limit = lever_off(model.ready, arm.value)
         if (off > limit).any():
             return recording, model, ()
@@ -38,7 +38,7 @@ def lever_arm(recording: Recording, model: Model) -> tuple[Recording, Model, tup
         alternative = run_steps(PREPARE, recording, unknown)[1]
     assert alternative.ready is not None
     if pretended(given, run) > PRETENDED:
-        run = looked(alternative.ready)  # noise estimated with a wrong arm is too large: use the other noise
+        run = looked(alternative.ready)  # with the other noise: a wrong arm makes the noise too large
         hidden = min(pretended(alternative.ready, run), 1.0) * np.abs(arm.value)
         if not (np.abs(run.lever_b - arm.value) > limit + hidden).any():
             values: dict[str, Any] = {"difference_m": off.max(), "limit_m": limit.max()}

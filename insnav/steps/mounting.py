@@ -93,7 +93,7 @@ def turn_to_vehicle(
         return imu, yaw, (reverse, *more)
     given = inputs.get("axes")
     if estimate is None:
-        from_file = bool(imu.facts.columns)  # a file with unknown axes
+        from_file = bool(imu.facts.columns)  # a file, with unknown axes
         moves = given is None and sure_motion(fixes, float(data.time[0]))[1] is not None
         if given is None and from_file and imu.facts.axes == UPRIGHT:
             scale = 1.0 / float(np.median(np.diff(data.time))) if data.sampling == "increment" else 1.0
@@ -137,10 +137,10 @@ def turn_to_vehicle(
 def in_likely_axes(recording: Recording, model: Model) -> tuple[Reading[ImuData], float, Finding]:
     """Choose x forward, back, right or left by the likelihood of the fixes, if accelerations do not show the mounting.
 
-    Slow vehicles turn but hardly accelerate, so a wrong x axis gives a heading wrong by quarter turns. Without more
-    likely axes, the result is `X_FORWARD`. The exception: all likely axes agree on one yaw, away from the direction of
-    travel. A vehicle that does not move along one axis, such as a drone, keeps its axes. It starts with the most likely
-    heading.
+    Slow vehicles turn but hardly accelerate, so a wrong x axis gives a heading wrong by quarter turns. The result
+    is `X_FORWARD` if no other axes are more likely. An exception is a vehicle that, with all likely axes, travels along
+    one and the same IMU direction other than x. A vehicle that does not travel along one axis, such as a drone, keeps
+    its axes and starts with the most likely heading.
     """
     imu = recording.imu
     runs, first_part = dict[str, Filtered](), imu.data.beginning(LONGEST)

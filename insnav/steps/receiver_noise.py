@@ -17,7 +17,7 @@ BENCH_SD = (0.01, 0.005)  # sd of position [m] and velocity [m/s] of a stationar
 
 
 def receiver_noise(recording: Recording, model: Model) -> tuple[Recording, Model, tuple[Finding, ...]]:
-    """Complete the fixes. Without GPS, make fixes of a stationary reference: a test bench.
+    """Give each fix a standard deviation. Without GPS, a stationary reference (test bench) serves as fixes.
 
     Raises: InputError: positions and velocities contradict each other in a known way.
     """
