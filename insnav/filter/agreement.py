@@ -18,7 +18,7 @@ from insnav.types import BoolArray, FloatArray, GpsData, IntArray, Run
 
 FALSE = 1.0  # a velocity is false if it differs by more from the rate of position change [m/s] ...
 SIGMAS = 8.0  # ... and by more than this multiple of the median difference [-]
-MEDIANS = 5.0  # a jump exceeds this multiple of the median step error: one in 3e7 normal errors in two dimensions does
+MEDIANS = 5.0  # a jump exceeds this multiple of the median step error, as one in 3e7 normal errors in 2 dimensions does
 BEND = 0.35  # velocity error by straight lines between fixes in a bend, as a share of the slope change [-]
 REPORTED = 5.0  # a contradiction exceeds this multiple of the reported position sd [-]
 NEAR = 2.5  # longest interval for which positions determine a velocity, in median intervals [-]
@@ -60,7 +60,7 @@ def look_at_fixes(gps: GpsData) -> FixFigures:
     reported = np.isfinite(gps.position_sd).all(axis=1)
     if with_velocity.any():
         speed = np.linalg.norm(gps.v_n[with_velocity, :2], axis=1)
-    else:  # from positions, over a span in which four sd of their error change the speed by less than `FALSE`
+    else:  # largest speed by positions, over a span in which 4 sd of their error are less than `FALSE` in speed
         noise = 4.0 * np.sqrt(2.0) * float(np.hypot(*scatter[:2])) if whole.any() else 0.0
         span = int(np.clip(np.ceil(noise / (FALSE * interval)), 1, len(moved)))
         speed = np.linalg.norm((path[span:] - path[:-span])[:, :2], axis=1) / (gps.time[span:] - gps.time[:-span])
@@ -140,7 +140,7 @@ def unlikely(run: Run, ready: FilterInput) -> float:
         (innovations.nis_velocity, innovations.sd[:, 3:], gps.velocity_sd[rows], innovations.used_velocity),
     ):
         known = np.isfinite(nis)
-        large = FALSE_FROM * (1.0 + np.log(np.maximum(nis, FALSE_FROM) / FALSE_FROM))  # heavy tails
+        large = FALSE_FROM * (1.0 + np.log(np.maximum(nis, FALSE_FROM) / FALSE_FROM))  # logarithmic for false fixes
         cost = (np.where(nis > FALSE_FROM, large, nis) + 2.0 * np.log(sd / reported).sum(axis=1))[known & used]
         median_cost = float(np.median(cost)) if cost.size else 0.0
         total += float(np.sum(cost)) + int((known & ~used).sum()) * (UNUSED + median_cost)

@@ -27,7 +27,7 @@ def widen_by_jumps(run: Run, jumps: Sequence[Jump]) -> Run:
     assert run.smoothed is not None
     time, begin = run.smoothed.solution.time, np.array([each.begin for each in jumps])
     before, after = begin.min() - time[0], time[-1] - begin.max()
-    early = float(np.clip(before / (before + after), LEAST, 1.0 - LEAST))  # probability that the fixes after are false
+    early = float(np.clip(before / (before + after), LEAST, 1.0 - LEAST))  # probability that later fixes are false
 
     def wider(solution: Trajectory, sd: FloatArray) -> FloatArray:
         moved = np.array([each.moved for each in jumps])

@@ -43,7 +43,7 @@ GRID = 0.1  # step of the first search for the delay: the likelihood is as wide 
 COARSE = np.arange(-REACH, REACH + 0.5 * GRID, GRID)
 FINE = 0.02  # step of the second search, around the best delay; then a parabola [s]
 NEAR = FINE * np.arange(-round(GRID / FINE), round(GRID / FINE) + 1)
-DRIFTS = FINE * np.arange(-10, 11)  # tested drifts of the delay, over half the record; one step is ignored [s]
+DRIFTS = FINE * np.arange(-10, 11)  # tested changes of the delay over half the record; one step is ignored [s]
 LARGEST_DRIFT = 4e-4  # largest drift: no crystal drifts more [s/s]
 LONGEST = 900.0  # length of the part of the record that is used [s]
 FIXES = 600  # largest number of used fixes, in addition to a long stationary start
@@ -74,7 +74,7 @@ LOOKED = 2.0  # factor on an sd that starts a further run: its measurements then
 LEAST_START = 0.5 * DEG  # least initial sd of attitude [rad]
 TRUE_FIXES = 0.9  # least share of accepted fixes in a valid run [-]
 POOR = 3.0, 0.5  # sd added to positions [m] and velocities [m/s] in a repeated run, if it is not valid
-# A delay explains fixes if it makes their mean normalised squared innovation smaller, with all fixes accepted. Recorded
+# A delay explains the fixes if their mean normalised squared innovation is below this, with all accepted. Recorded
 # RTK had 2 to 4, and 97 with false fixes that drifted for half a minute
 EXPLAINED = 10.0
 BETTER = 0.5  # least decrease of the misfit by a shift, with all fixes accepted, if gates reject many [-]
@@ -121,7 +121,7 @@ def filtered(ready: FilterInput, *, starts: int | None = None) -> Filtered:
     receiver, lever_arm, lever_sd = ready.receiver, ready.receiver.lever_arm, ready.receiver.lever_arm.sd
     other_sd = float(np.hypot(OPENED * lever_sd, np.linalg.norm(lever_arm.value)))
     correlated = receiver.correlated
-    if correlated is not None and correlated.by_reported:  # limit its uncertain, long correlation time
+    if correlated is not None and correlated.by_reported:  # limit the uncertain correlation time
         correlated = replace(correlated, time=min(correlated.time, usual_time()))
     opened, delay = replace(lever_arm, sd=OPENED * lever_sd, shaken=other_sd), replace(receiver.delay, settled=False)
     receiver = replace(receiver, lever_arm=opened, delay=delay, correlated=correlated)
@@ -132,7 +132,7 @@ def filtered(ready: FilterInput, *, starts: int | None = None) -> Filtered:
         history = navigator.history()
         epochs = history.rows()
         next_start = with_surer_start(ready, history) if starts else None
-        if starts and next_start is None and ready.alignment.static is None:  # after a bad start: accept all fixes
+        if starts and next_start is None and ready.alignment.static is None:  # if gates reject fixes, accept all
             other_run = Navigator(_doubted(_believed(used)))
             feed(other_run, ready.imu)
             next_start = with_surer_start(ready, other_run.history())
@@ -160,7 +160,7 @@ def _believed(ready: FilterInput) -> FilterInput:
 
 
 def _doubted(ready: FilterInput) -> FilterInput:
-    """Copy with very uncertain fixes."""
+    """Copy with large standard deviations of the fixes."""
     position_sd, velocity_sd = np.hypot(ready.gps.position_sd, POOR[0]), np.hypot(ready.gps.velocity_sd, POOR[1])
     return replace(ready, gps=replace(ready.gps, position_sd=position_sd, velocity_sd=velocity_sd))
 
@@ -198,7 +198,7 @@ def scale_of(
 class Found(NamedTuple):
     """Estimate of the delay of the fixes, and of the lag of their velocities."""
 
-    delay: float  # at the start of the record, and its standard deviation, infinite if unobservable [s]
+    delay: float  # delay at the start of the record, and its standard deviation, infinite if unobservable [s]
     sd: float
     drift: float  # rate of the delay, or zero if not significant [s/s]
     lag: float  # lag of velocities behind positions, and its standard deviation [s]
@@ -400,7 +400,7 @@ def on_time(prepared: Callable[[float, float], Aligned], receiver: Receiver) -> 
         refined = further is seen and sure == REFINED and near and not drift
         further = filtered(shifted.ready)
         tried = shifted, further, (clock, rate)
-        if refined or further.misfit <= seen.misfit + WORSE:  # else continue: first steps may be worse
+        if refined or further.misfit <= seen.misfit + WORSE:  # or go on: the first of several shifts may be worse
             best, seen, own = tried
     ready, receiver = best.ready, best.ready.receiver
     lever_arm = replace(receiver.lever_arm, shaken=seen.shaken, sd=seen.lever_sd)
@@ -471,8 +471,8 @@ def _with_course(ready: FilterInput, alignment: Alignment) -> Alignment:
 WRONG = 0.4  # least error of a specified lever arm that is reported [m]
 OPENED_ARM = 2.0  # prior sd of each component in the run that tests a specified lever arm [m]
 SURE_ARM = 6.0  # least reported error, in standard deviations of the estimate [-]
-# Share of the lever-arm information from gyro noise that is reported [-]. Approximate time over which noise rotates the
-# attitude until fixes correct it [s]
+# Largest share of the lever-arm information that gyro noise may cause without a report [-]. Approximate time over which
+# noise rotates the attitude until fixes correct it [s]
 PRETENDED, SHOWN_AFTER = 0.2, 10.0
 NO_GYROS = 30.0 * DEG_PER_SQRT_H  # more noise than any gyro; hard-mounted in vehicles: up to 8 deg/√h [rad/√s]
 WRONG_HEADING = 3.0  # a specified heading is tested if the heading of the drive differs by this many sd [-]

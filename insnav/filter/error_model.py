@@ -52,7 +52,7 @@ class InitialState:
     gyro_bias: FloatArray  # (3,) first estimate of the gyro bias [rad/s]
     covariance: FloatArray  # (21, 21) of the error states; see `insnav.kernels.errorstate`
     own: FloatArray  # (3,) variance of the attitude, without the part caused by sensor errors
-    from_fix: bool = False  # the position comes from a fix and has its errors
+    from_fix: bool = False  # true if the position was set to a fix and has the error of the fix
 
 
 @dataclass(frozen=True, slots=True)
@@ -104,7 +104,7 @@ def _scale(sensor: SensorSpec) -> tuple[FloatArray, FloatArray, FloatArray]:
 
 
 def error_model(spec: ImuSpec, states: int) -> ErrorModel:
-    """Build the filter noise of an IMU with Gauss-Markov sensor errors (Groves 2013, section 14.2.6).
+    """Build the noise model of the filter for an IMU with Gauss-Markov sensor errors (Groves 2013, section 14.2.6).
 
     With 15 `states`, scale factor errors are zero.
     """
@@ -174,8 +174,8 @@ class StateBlock:
     """
 
     name: str
-    value: FloatArray  # (k,) at the start
-    sd: FloatArray  # (k,) of its error at the start; empty for known values
+    value: FloatArray  # (k,) initial values, or known values
+    sd: FloatArray  # (k,) initial sd; empty for known values
     time: FloatArray = field(default_factory=lambda: np.empty(0))  # (k,) correlation times [s]; empty if constant
 
 
@@ -205,7 +205,7 @@ def _sd_of(sd: float, size: int) -> FloatArray:
 
 
 class Layout(NamedTuple):
-    """Number of states, their blocks, and the first index of some blocks; -1 if their values are known."""
+    """Arrangement of the states: number, blocks, and index of the first state of some blocks (-1 if known)."""
 
     states: int
     blocks: tuple[StateBlock, ...]
@@ -223,7 +223,7 @@ class Layout(NamedTuple):
 
 
 def layout(receiver: Receiver) -> Layout:
-    """Number the states for a receiver."""
+    """Arrange the states for a receiver: assign an index to the first state of each block."""
     blocks, first, place, places = blocks_of(receiver), STATES, FURTHER, dict[str, tuple[int, int, int]]()
     for block in blocks:
         listed, size = block.name != "lever", block.sd.size  # the arm is in `ARM`, see `correct_with_arm`

@@ -104,7 +104,7 @@ class Engine:
 
 
 SUBSTEP = 0.1  # longest sub-step of transition and noise: a car turns by less than 6 deg in it [s]
-# noise of a gap in the samples: change of rate [rad/s^2] and of specific force [m/s^3], largest errors [rad], [m/s]
+# motion in a data gap: change of rate [rad/s^2], of specific force [m/s^3]; limits of the errors by it [rad], [m/s]
 GAP_NOISE = np.array([0.1, 0.5, 0.3, 20.0])
 # attitude sd added at a reset: the cause of the reset, perhaps a bias step, also rotated the attitude [rad]
 ATTITUDE_RESET_SD = np.deg2rad([6.0, 6.0, 10.0])
@@ -179,7 +179,7 @@ class Estimate:
         self._bias = np.tile([0.0, 1.0, start.time], (3, 1))
         begin, rest = alignment.static or (-np.inf, -np.inf)
         rest = max(rest, alignment.left)
-        part = (rest - begin) / (len(alignment.sway) + 1)  # the attitude sways between parts
+        part = (rest - begin) / (len(alignment.sway) + 1)  # length of a part; `sway` is the change from part to part
         sway = alignment.sway**2 / part
         limit = np.array([SUBSTEP, coast, begin, rest if rest - begin >= LONG_REST else -np.inf])
         self._noise = errorstate.Model(limit, ready.model.noise, GAP_NOISE, ready.model.decay, sway)
@@ -233,7 +233,7 @@ class Estimate:
     def propagate(
         self, samples: errorstate.Samples, first: int, last: int, close: bool, out: errorstate.Outputs
     ) -> int:
-        """Propagate the state over samples from `first`, at most to `last`. Returns the next one; see `errorstate`."""
+        """Propagate the state over samples `first` to at most `last`, and return the next index; see `errorstate`."""
         k: int = errorstate.propagate(
             *(first, last, close, *samples, *self._carried, *self._noise, self._phi, self._q, *out, *self._work)
         )

@@ -49,7 +49,7 @@ class Output:
 class Explained:
     """Known faults of the recording, which the filter corrects; see `insnav.explain.explanation`."""
 
-    changes: tuple[StateChange, ...] = ()  # of the filter state, in order of time
+    changes: tuple[StateChange, ...] = ()  # changes of the filter state, in order of time
     false: BoolArray | None = None  # (2, n) positions and velocities to exclude
     rough: tuple[Rough, ...] = ()  # intervals with larger time-correlated position errors
 
@@ -63,7 +63,7 @@ class FilterInput:
     model: ErrorModel  # noise of the sensors
     starts: tuple[Part, ...]  # the first start, and a restart after each long gap of the samples
     nominal: float  # sampling interval [s]
-    receiver: Receiver = field(default_factory=Receiver)  # with lag, jitter and time-correlated errors from the data
+    receiver: Receiver = field(default_factory=Receiver)  # also lag, jitter and correlated errors
     gates: Gates = field(default_factory=Gates)
     aiding: Aiding = field(default=Aiding())
     output: Output = field(default_factory=Output)
@@ -135,13 +135,13 @@ class FilterInput:
         return replace(self, gps=gps, starts=starts)
 
     def first(self, length: float) -> ImuData:
-        """Return the samples of the first `length` [s] after a long stationary start, and of this start."""
+        """Return the samples up to `length` [s] after the start or, if it is long, after the stationary start."""
         begin, time = self.initial.time, self.gps.time - self.initial.time
         gps = self.gps.rows(np.flatnonzero((time > 0.0) & (time < LONGEST_REST)))
         away_rows = np.flatnonzero(away(gps, gps.lla[0])) if gps.time.size else gps.time
         rest = float(gps.time[away_rows[0]] - begin) if away_rows.size else 0.0
         until = begin + (rest if rest > LONG_REST else 0.0) + length
-        return self.imu.rows(slice(int(np.searchsorted(self.imu.time, until, side="right"))))  # a view
+        return self.imu.rows(slice(int(np.searchsorted(self.imu.time, until, side="right"))))  # no copy
 
     def beginning(self, length: float) -> FilterInput:
         """Copy the first `length` [s] of the longest part, for searches. Join samples, unless some are missing."""

@@ -40,7 +40,7 @@ def fine_alignment(
     """Align a stationary record: coarse from the means of the samples, then fine with the filter.
 
     `lla` (3,): latitude, longitude [rad], height [m]. `rest`: stationary interval [s]. `heading`: given heading [rad].
-    Raises: AlignmentError: fewer than two samples in the interval.
+    Raises: AlignmentError: fewer than ten samples in the interval.
     """
     inside = (imu.time >= rest[0]) & (imu.time <= rest[1])
     if inside.sum() < 10:

@@ -24,11 +24,11 @@ from insnav.types import BoolArray, FloatArray, GpsData, ImuData, IntArray
 
 @dataclass(frozen=True, slots=True)
 class Gates:
-    """Limits of the gates, from which on a fix is rejected or de-weighted."""
+    """Limits beyond which the gates reject or de-weight a fix."""
 
     # a fix with a larger reported position standard deviation is rejected [m]: it has almost no weight
     max_sd: float = 100.0
-    max_speed: float = 400.0  # above the speed of airliners [m/s]
+    max_speed: float = 400.0  # largest speed of a vehicle, above the speed of airliners [m/s]
     physical_sd: float = 5.0  # tolerance of the physical gates, in standard deviations of the fix [-]
     # probability that a fix passes the statistical gate with true covariances: one false rejection in 10,000 fixes, an
     # hour at 3 Hz [-]
@@ -175,7 +175,7 @@ def whole_record(
 
 
 UNUSABLE = 1e4  # standard deviation of invalid positions [m]
-# Distance by velocities beyond which a repeated position is frozen. With jitter: [m]. Without jitter: [m], resolutions
+# A repeated position is frozen if velocities imply a larger distance. With jitter: [m]. Without: [m], and resolutions
 FROZEN, SAME, STEPS = 30.0, 3.0, 10.0
 KEPT = 0.9  # share of the velocity steps that must cover this distance; jitter is at most 1 - `KEPT` of a step
 PARKED = 0.2  # largest jitter in position sds: positions of a stationary vehicle scatter more
@@ -183,8 +183,8 @@ PARKED = 0.2  # largest jitter in position sds: positions of a stationary vehicl
 # the means [m/s^2], least size of the track [m]
 WHILE, MEANS, SHAKEN, JOURNEY = 10.0, 2.0, 0.3, 100.0
 COASTS, FEWEST = 5.0, 4  # no vehicle keeps a velocity to the last digit for this time [s] and this number of fixes
-# Extrapolated fixes agree with their velocities within this share of the usual difference. They are at most this share
-# of all fixes in motion: in a noise-free simulation, fixes are collinear, too
+# Extrapolated fixes agree with their velocities within the first share of the usual difference. They are at most the
+# second share of all fixes in motion: in a noise-free simulation, all fixes are collinear
 EXACT, LARGEST = 0.2, 0.3
 FAR = 10.0  # distance between positions and their prediction by repeated velocities that proves these false, in sd
 

@@ -39,7 +39,7 @@ FIXED, DGPS = 1, 4  # further fix types; DGPS: 1.0 m CEP in the same data sheet
 BY_FIX = {FIXED: (POSITION_FLOOR,) * 3, FLOAT: (FLOAT_SD, FLOAT_SD, 2.0 * FLOAT_SD), DGPS: (1.0, 1.0, 2.0)}  # [m]
 OPEN_SD = 100.0  # sd of an unmeasured height [m] or vertical velocity [m/s]: usable, but with almost no weight
 SPARSE = 2.0  # longest interval between fixes for estimates from scatter: motion dominates longer ones [s]
-LAG_WORTH = 0.03  # a smaller lag is not corrected: at 2 m/s^2 it makes 0.06 m/s, the noise of a good velocity [s]
+LAG_WORTH = 0.03  # a smaller lag is not corrected: at 2 m/s^2 it causes 0.06 m/s, the noise of a good velocity [s]
 
 
 def heights_measured(lla: FloatArray) -> bool:
@@ -122,7 +122,7 @@ def clock_offset(parts: Intervals, fixes: GpsData, *, worth: float = 0.0) -> Clo
 def _scatter(
     time: FloatArray, values: FloatArray, floor: float, default: tuple[float, ...], least_scatter: float
 ) -> FloatArray:
-    """Estimate the sd of a smooth series (n, 3) from third differences: the larger of an overall and a local estimate.
+    """Estimate the noise sd of a smooth series (n, 3) from third differences: the larger of an overall and a local sd.
 
     `floor`: lower limit. If the overall sd exceeds `least_scatter`, `default` is the lower limit.
 
@@ -230,7 +230,7 @@ def with_sd(gps: GpsData, *, scatter_alone: bool = True) -> tuple[GpsData, tuple
     position_sd, velocity_sd = gps.position_sd, gps.velocity_sd
     measured = 3 if heights_measured(gps.lla) else 2  # number of components
     missing: BoolArray = np.isnan(position_sd)
-    partly = missing & ~missing.all(axis=1, keepdims=True)  # without sd next to components with one
+    partly = missing & ~missing.all(axis=1, keepdims=True)  # no sd, but other components have one
     if missing.any():
         carrier, code = CARRIER, Code.GPS_POSITION_SD_SCATTER
         if not scatter_alone:

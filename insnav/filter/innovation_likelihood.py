@@ -29,7 +29,7 @@ from insnav.types import FloatArray, GpsData
 LONGEST = 1800.0  # length of the part of the record that is used [s]
 SPACING = 0.9  # least mean time between used fixes [s]
 HUBER = 3.0  # innovations beyond this many sd are de-weighted, to limit the effect of false fixes
-# expectation of psi(u) u for standard normal u, 1 - 2 Q(3), where psi limits u to `HUBER`: less than one
+# variance that clean innovations keep with Huber's weights: E[psi(u) u] = 1 - 2 Q(3) for standard normal u
 CLEAN = 0.9973
 FAR_OFF, FAR_OFF_SHARE = np.deg2rad(5.0), 0.1  # attitude error with a relevant square [rad]; share of a drive with it
 SETTLING = 4  # attitude settles in the first of this many equal parts of a drive after its initial stop
@@ -304,7 +304,7 @@ def costs_of(innovation: FloatArray, variance: FloatArray) -> FloatArray:
 
 def weights_of(innovation: FloatArray, variance: FloatArray) -> FloatArray:
     """Compute the curvature of `costs_of` by each innovation (k,), for iteratively reweighted least squares."""
-    variance = np.where(variance > 0.0, variance, np.inf)  # see `cost_of`
+    variance = np.where(variance > 0.0, variance, np.inf)  # no weight for variances lost to rounding
     return np.asarray(1.0 / (variance * np.maximum(np.abs(innovation) / np.sqrt(variance) / HUBER, 1.0)))
 
 

@@ -50,7 +50,7 @@ class _Seen(NamedTuple):
 
     time: FloatArray  # time of the epoch [s]
     away: FloatArray  # time of the epoch after the middle of the record [s]
-    v_n: FloatArray  # measured [m/s]
+    v_n: FloatArray  # measured velocity [m/s]
     off: FloatArray  # position, predicted minus measured [m]
     v: FloatArray  # velocity of the state [m/s]
     lever: FloatArray  # lever arm [m]
@@ -91,9 +91,9 @@ class LateFixes:
         # the state before the measurement is the state after it plus the feedback
         x, fed = epochs[good, STATE : STATE + 10], self._tape[8]
         v = x[:, 3:6] + fed[good, 3:6]
-        covariance = epochs.shape[1] - at.states * (at.states + 1) // 2  # first element of the lower triangle
+        covariance = epochs.shape[1] - at.states * (at.states + 1) // 2  # first column of its lower triangle
         variance = np.sum(epochs[good][:, covariance + np.array([9, 14, 20])], axis=1)
-        limit = GAP * np.median(variance) if variance.size else 0.0  # after a gap of fixes it is far larger
+        limit = GAP * np.median(variance) if variance.size else 0.0  # variances are far larger after a gap of fixes
         normal = variance <= limit
         self.moves = bool(np.sum(v[normal] ** 2) > STILL * np.sum(variance[normal]))
         taken = np.cumsum(np.vstack([np.zeros(at.states), fed[:-1]]), axis=0)[good]

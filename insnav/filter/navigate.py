@@ -49,7 +49,7 @@ class Navigated:
         return (*self.notes, *self.run.events)
 
     def report(self, earlier: tuple[Finding, ...]) -> Navigated:
-        """Copy with the findings of the steps before, in front of the own ones."""
+        """Copy with the findings of earlier steps in front."""
         notes, events = (tuple(each for each in earlier if each.timed is timed) for timed in (False, True))
         run = replace(self.run, events=(*events, *self.run.events))
         return replace(self, run=run, notes=(*notes, *self.notes))
@@ -104,12 +104,12 @@ def navigate_prepared(
         ready, run, notes = _doubt_stops(ready, _run(ready, progress), notes)
     else:
         run = _run(ready, progress)
-    if run.smoothed is not None and (jumps := resets_of(run)):  # to fixes that may be false
+    if run.smoothed is not None and (jumps := resets_of(run)):  # resets to fixes, which may be false
         run = widen_by_jumps(run, jumps)
     if run.smoothed is not None and widen is not None:
         run = widen(run)
     fixes, start, end = ready.fix_time, ready.initial.time, float(ready.imu.time[-1])
-    sides = ("before", fixes < start - 1e-6, start), ("after", fixes > end + 1e-6, end)  # of the solution
+    sides = ("before", fixes < start - 1e-6, start), ("after", fixes > end + 1e-6, end)  # outside the solution
     late = [(side, rows.sum(), time) for side, rows, time in sides if rows.any()]
     outside = [Finding.of(Code.GPS_OUTSIDE, time, count=count, side=side) for side, count, time in late]
     run = replace(run, events=(*run.events, *outside))
@@ -170,7 +170,7 @@ def _add_aiding(ready: FilterInput, run: Run, spec: ImuSpec) -> tuple[FilterInpu
     used = (*existing, *(each for each in measurements if each.name not in {other.name for other in existing}))
     axes_sd = ready.model.axes_sd.copy()
     if first.mounting is not None and any(each.name == NonHolonomic.name for each in used):
-        axes_sd[2] = max(axes_sd[2], first.mounting.sd[1])  # such a heading is no better than the mounting yaw
+        axes_sd[2] = max(axes_sd[2], first.mounting.sd[1])  # heading by NHC is no better than mounting yaw
     return replace(ready.replace_aiding(used), model=replace(ready.model, axes_sd=axes_sd)), tuple(notes)
 
 

@@ -88,7 +88,7 @@ class Navigator:
         self._motion[9:11] = mean * NOISY**2 * noise, FAR_BEYOND**2 * noise
         if len(lag.moments) > 1:  # averaged velocities: the response to fast turns is unknown, so the arm ignores them
             self._motion[10] = np.inf
-        if not self._late.any():  # mean specific force; lagging velocities have other noise
+        if not self._late.any():  # noise of the mean acceleration; other noise for lagging velocities
             self._motion[17] = NOISY**2 * float(model.noise[3:6].sum()) / (2.0 * SEEN)
         # The newest samples wait for later ones. Twice as many processed samples are kept, for means around fixes
         self._margin = MARGIN + int((SEEN + max(lag.moments) * abs(lag.value)) / nominal)
@@ -323,7 +323,7 @@ class Navigator:
         use = [True, nis_velocity == nis_velocity]
         fix = int(self._gps.fix[row]) if self._gps.fix is not None else None
         quality = gate.quality(self._ready.gates, time, fix, self._gps.position_sd[row])
-        if quality is not None and fix in (0, gate.OF_REFERENCE):  # invalid fix, without velocity
+        if quality is not None and fix in (0, gate.OF_REFERENCE):  # invalid fix: do not use its velocity, either
             if estimate.history is not None:
                 estimate.history.measurement(False, False, z, h, r)
             self._record.event(quality)
@@ -410,7 +410,7 @@ class Navigator:
 
 
 def turned(parts: strapdown.Intervals) -> FloatArray:
-    """Compute the cumulated angle about each axis at the end of each sample interval, (n, 3) [rad].
+    """Compute the cumulative angle about each axis at the end of each sample interval, (n, 3) [rad].
 
     Angles are rounded to multiples of `QUANTUM`, so that sums are exact and differences do not depend on the first
     sample.
@@ -455,7 +455,7 @@ def since(times: FloatArray, late: FloatArray, parts: strapdown.Intervals) -> Fl
     signed_dt = (signed_dt if parts.instant else signed_dt / parts.dt[rows])[..., None]
     turn, gain = signed_dt * parts.gyro[rows], signed_dt * parts.accel[rows]
     rotation, angle = turn.sum(axis=1), np.cumsum(turn, axis=1) - 0.5 * turn
-    angle = np.where(signed_dt.sum(axis=1, keepdims=True) > 0.0, rotation[:, None] - angle, angle)  # forward in time
+    angle = np.where(signed_dt.sum(axis=1, keepdims=True) > 0.0, rotation[:, None] - angle, angle)  # angle to `times`
     first_order = np.cross(gain, angle)
     return np.hstack([rotation, (gain + first_order + 0.5 * np.cross(first_order, angle)).sum(axis=1)])
 

@@ -41,7 +41,7 @@ def errors_of_axes(
     Returns: (12, m, 9) errors of position, velocity and attitude; (m, 3, 3) attitude matrices between the epochs.
     """
     time, q = epochs[:, TIME], epochs[:, STATE + 6 : STATE + 10].copy()
-    q[1:] += np.sign(np.sum(q[1:] * q[:-1], axis=1))[:, None] * q[:-1]  # halfway from the previous epoch
+    q[1:] += np.sign(np.sum(q[1:] * q[:-1], axis=1))[:, None] * q[:-1]  # attitude halfway between epochs
     c_nb = dcm_from_quat(q / np.linalg.norm(q, axis=1)[:, None])
     parts = strapdown.intervals(imu, nominal)
     edges = np.concatenate([parts.end[:1] - parts.dt[:1], parts.end])
@@ -175,8 +175,8 @@ class NoiseEstimate:
     spec: ImuSpec  # estimated IMU, whose misalignments are from the regression
     filter_spec: ImuSpec  # the same, with the misalignment as noise of the filter
     axes: Misalignment  # misalignments of the IMU, from the regression
-    position_factor: FloatArray  # (3,) on position standard deviations, North, East, Down [-]
-    velocity_factor: FloatArray  # (3,) on velocity standard deviations [-]
+    position_factor: FloatArray  # (3,) factors on position standard deviations, North, East, Down [-]
+    velocity_factor: FloatArray  # (3,) factors on velocity standard deviations [-]
     correlated: CorrelatedNoise  # time-correlated part of the position error
     figures: tuple[NoiseFigure, ...]  # estimates with intervals
     gain: float  # increase of the log-likelihood over the prior

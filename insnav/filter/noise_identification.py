@@ -173,7 +173,7 @@ class Posterior:
         top = self.climb(at)
         while True:
             best, cost = self.likeliest(list(top[0] + BEYOND * np.vstack([np.eye(at.size), -np.eye(at.size)])))
-            if not cost < top[2][2]:  # also if it is NaN
+            if not cost < top[2][2]:  # stop also if a cost is NaN
                 return top
             top = self.climb(best)
 
@@ -274,7 +274,7 @@ def _turned(prior: ImuSpec, found: ImuSpec, size: float) -> ImuSpec:
 
 
 def _figure(parameter: Parameter, x: FloatArray, spec: ImuSpec) -> NoiseFigure:
-    """Convert a parameter, and the ends of its 95 % interval, to SI. `x` (3,): logarithms of these."""
+    """Convert a parameter and the ends of its 95 % interval, `x` (3,), from logarithms to SI."""
     sensor, key = parameter.key.split(".")
     values = np.concatenate([[parameter.middle], x])
     unit = ""

@@ -57,7 +57,7 @@ class GivenStart:
 
     state: Start | None = None
     static_span: tuple[float, float] | None = None  # stationary interval [s]
-    heading: float | None = None  # at the start [rad]
+    heading: float | None = None  # heading at the start [rad]
     mounting_yaw: float = 0.0  # of the IMU, positive to the right [rad]; see `insnav.alignment.mounting`
 
 

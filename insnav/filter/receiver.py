@@ -9,8 +9,8 @@ import numpy as np
 from insnav.filter.gps_noise import CorrelatedNoise
 from insnav.types import FloatArray, Source
 
-LEVER_SD = 1.0  # prior of each component of an unspecified lever arm: antenna and IMU are on one vehicle [m]
-DELAY_SD = 0.05  # prior of an unspecified delay: agreement of receiver and logger clocks [s]
+LEVER_SD = 1.0  # prior sd of each component of an unspecified lever arm: antenna and IMU are on one vehicle [m]
+DELAY_SD = 0.05  # prior sd of an unspecified delay: agreement of receiver and logger clocks [s]
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,7 +56,7 @@ class Receiver:
     # sd of sample timestamps relative to fixes [s]: adds speed and acceleration times this to the noise of a fix
     jitter: float = 0.0
     correlated: CorrelatedNoise | None = None  # time-correlated part of the position error; three more states
-    heading_sd: float = 0.0  # of a heading in the fixes, as from two antennas [rad]; zero: unused
+    heading_sd: float = 0.0  # sd of a heading in the fixes, as from two antennas [rad]; zero: unused
 
     def forget_lever_arm(self) -> Receiver:
         """Copy with an unspecified lever arm, for the filter to estimate."""

@@ -49,7 +49,7 @@ class Record:
     """Growing record of outputs, epochs, fixes and events."""
 
     def __init__(self, fixes: int, rate_sd: FloatArray | None = None) -> None:
-        self._rate_sd = rate_sd  # (3,) of the gyros, if poses are wanted [rad/s]
+        self._rate_sd = rate_sd  # (3,) sd of gyro rates, if poses are wanted [rad/s]
         self._rooms: list[Outputs] = []  # allocated tables of outputs
         self._epochs, self._epoch = np.empty((fixes + 2, 26)), 0  # time, variances before and after measurements, delay
         self._events: list[Finding] = []
@@ -170,7 +170,7 @@ class Record:
         alone: FloatArray,
         found: SmoothedErrors | None,
     ) -> Run:
-        """Convert the record to a `Run`. `covariance`: as reported, `alone`: of the filter. `found`: of thesmoother."""
+        """Convert the record to a `Run`. `covariance`: as reported. `alone`: of the filter."""
         at, output, fixes = layout(ready.receiver), ready.output, self._fixes[: self._count]
         time, state = fixes[:, epoch.FIX_TIME].copy(), fixes[:, epoch.FIX_STATE].copy()
         fix_covariance = fixes[:, epoch.FIX_COVARIANCE].reshape(-1, NAV, NAV)

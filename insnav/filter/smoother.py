@@ -23,7 +23,7 @@ class SmoothedErrors:
     time: FloatArray  # (m,) [s]
     state: FloatArray  # (m, 10) filter's state after the measurement; see `insnav.kernels.mechanization`
     correction: FloatArray  # (m, 12) sensor errors estimated by the filter
-    used: BoolArray  # (m,) whether a fix was accepted at the epoch
+    used: BoolArray  # (m,) true if a fix was accepted at the epoch
     after: FloatArray  # (m, 21) errors after, and before, the measurement: filtered minus smoothed state
     before: FloatArray
     covariance: FloatArray  # (m, 9, 9) covariance of smoothed position, velocity and attitude

@@ -96,8 +96,8 @@ def vector(key: str, value: Sequence[float] | FloatArray | None) -> FloatArray |
 def reference_point(inputs: Inputs, reference: Trajectory) -> FloatArray | None:
     """Return the point of a reference seen from the IMU, body axes ``(3,)`` [m]; None for the antenna.
 
-    A reference with attitude is an inertial solution, at its IMU. Positions alone belong to a receiver antenna, which is
-    assumed to be the antenna of the drive.
+    A reference with attitude is an inertial solution, at its IMU. Positions alone belong to a receiver antenna, assumed
+    to be the antenna of the drive.
     """
     given = vector("ref_lever_arm", inputs.get("ref_lever_arm"))
     if given is not None:

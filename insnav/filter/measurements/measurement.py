@@ -32,12 +32,12 @@ class Mounting:
     sd: FloatArray
     to_vehicle: FloatArray  # (3, 3) rotation from IMU axes to vehicle axes (forward, right, down)
     lever_b: FloatArray  # (3,) point on the unsteered axle, seen from the IMU, body axes [m]
-    right: FloatArray  # (m,) remaining velocity to the right, and down, in the vehicle axes at the fast rows [m/s]
+    right: FloatArray  # (m,) residual velocity to the right, and down, at the rows of `FirstPass.fast` [m/s]
     down: FloatArray
 
     @property
     def rms(self) -> tuple[float, float]:
-        """Compute the RMS of the remaining velocity to the right and down [m/s]."""
+        """Compute the RMS of the residual velocity to the right and down [m/s]."""
         return float(np.sqrt(np.mean(self.right**2))), float(np.sqrt(np.mean(self.down**2)))
 
     @property

@@ -277,7 +277,7 @@ class Speedometer(Odometer):
         wrong = _outliers(first.forward, recorded, rows)
         if (share := float(wrong.sum() / rows.sum())) > MOST_OUTLIERS:
             return None, Finding.of(Code.SPEEDOMETER_OUTLIERS, share=share, limit_share=MOST_OUTLIERS)
-        rows &= ~_spread(wrong, round(2.0 * LOG_LAGS[-1] / first.step))  # for any lag
+        rows &= ~_spread(wrong, round(2.0 * LOG_LAGS[-1] / first.step))  # and rows within the longest lag
         found, note = cls.fitted(first, rows, time, speed, offset + LOG_LAGS)
         if found is not None and "sd" in log.values:
             reported = float(np.nanmedian(log.values["sd"][known]))
