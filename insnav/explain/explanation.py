@@ -132,9 +132,9 @@ class Explanation:
             for fault in self.of_delay():
                 variance += LATE * (fault.size[0] * solution.v_n) ** 2
             sd[:, :3] = np.sqrt(variance)
-            time, more = self.between
-            for column, each in enumerate(more.T if more.any() else ()):
-                sd[:, column] = np.hypot(sd[:, column], np.sqrt(np.interp(solution.time, time, each)))
+            time, ambiguity = self.between
+            for column, column_variance in enumerate(ambiguity.T if ambiguity.any() else ()):
+                sd[:, column] = np.hypot(sd[:, column], np.sqrt(np.interp(solution.time, time, column_variance)))
             return sd
 
         return with_wider_sd(run, wider)
@@ -232,17 +232,17 @@ def faults_in(record: LinearRecord, search: Search) -> list[Fault]:
     for step, gain in zip(search.best.steps, search.gains, strict=True):
         begin, end = record.span_of(step)
         if step.kind is RETURN:
-            for row, each in enumerate(faults):
-                if each.family in MOVING and np.isinf(each.back):
-                    faults[row] = replace(each, end=min(each.end, begin), back=begin)
+            for row, earlier in enumerate(faults):
+                if earlier.family in MOVING and np.isinf(earlier.back):
+                    faults[row] = replace(earlier, end=min(earlier.end, begin), back=begin)
             continue
         columns = record.columns(step.kind)
         score, information = search.best.seen.at(step.begin, step.begin + 1, columns)
         size = step.variance * score[0]
         if step.kind.fills:
             size = np.full(1, np.sqrt(step.variance / record.interval))
-        known = np.diagonal(information[0])
-        sd = np.sqrt(np.maximum(step.variance - step.variance**2 * known, 0.0))
+        information_of_size = np.diagonal(information[0])
+        sd = np.sqrt(np.maximum(step.variance - step.variance**2 * information_of_size, 0.0))
         back = end if step.kind.name in CLEARED else np.inf
         faults.append(Fault(step.kind, begin, end, size, sd, gain, back))
     return faults
@@ -280,13 +280,13 @@ def state_detectable(record: LinearRecord, of: Pass, kinds: Sequence[Kind]) -> F
     for name, key in (("offset", "jump_m"), (followed, "drift_m_s"), ("drag", "minute_m_s")):
         kind = next(each for each in kinds if each.name == name)
         columns, end_cost = record.columns(kind), cost_of_end(record.interval) * (key == "minute_m_s")
-        known = columns.T @ information[rows] @ columns
+        of_step = columns.T @ information[rows] @ columns
         if key == "minute_m_s":  # the opposite step ends the drag a minute later
             later = np.minimum(rows + length, record.time.size - 1)
             cross = np.array([record.cross(of, columns, a, length)[b] for a, b in zip(rows, later, strict=True)])
-            known = known + columns.T @ information[later] @ columns - cross - np.swapaxes(cross, 1, 2)
+            of_step = of_step + columns.T @ information[later] @ columns - cross - np.swapaxes(cross, 1, 2)
         misfit = misfit_of(record, of, kind)
-        least = [_least_found(each, kind, record.interval, end_cost, misfit) for each in known]
+        least = [_least_found(each, kind, record.interval, end_cost, misfit) for each in of_step]
         value = float(np.quantile(least, NEARLY_ALL, method="lower"))  # undetectable faults are infinite
         if value < UNSEEN * kind.size:
             values[key] = value

@@ -154,11 +154,11 @@ def _pairs(
         if rows.size == 0:
             return None
         cross = record.cross(of, columns, at, side * reach)[rows]
-        apart = information[at] + information[rows] - cross - np.swapaxes(cross, 1, 2)
-        gain = gains_of(side * (score[at] - score[rows]), apart, variances)
+        of_pair = information[at] + information[rows] - cross - np.swapaxes(cross, 1, 2)
+        gain = gains_of(side * (score[at] - score[rows]), of_pair, variances)
         size, place = np.unravel_index(int((gain - prior).argmax()), gain.shape)
-        other = int(rows[place])
-        return min(at, other), max(at, other), float(gain[size, place]), float(variances[size])
+        partner = int(rows[place])
+        return min(at, partner), max(at, partner), float(gain[size, place]), float(variances[size])
 
     episodes = set[tuple[int, int, float, float]]()
     for top in tops:

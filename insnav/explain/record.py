@@ -134,8 +134,8 @@ class Pass:
     def at(self, begin: int, end: int, columns: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return score (k, d) and information (k, d, d) along columns (n, d), at kept epochs from `begin` to `end`."""
         rows, score, information = self.kept
-        selected, by = slice(*rows.searchsorted([begin, end])), columns[: score.shape[1]]
-        return score[selected] @ by, np.asarray(by.T @ information[selected] @ by)
+        selected, directions = slice(*rows.searchsorted([begin, end])), columns[: score.shape[1]]
+        return score[selected] @ directions, np.asarray(directions.T @ information[selected] @ directions)
 
     @property
     def nav_variance(self) -> FloatArray:
@@ -221,7 +221,7 @@ class LinearRecord:
         after = np.roll(before - np.swapaxes(hp, 1, 2) @ gain, 1, axis=0)  # updated covariance, epoch before
         # noise of a span between epochs: its predicted covariance minus the propagated covariance
         q = before[:, :NAV, :NAV] - phi @ after[:, :STATES, :STATES] @ np.swapaxes(phi, 1, 2)
-        variance_before, variance_after = (np.diagonal(each, axis1=1, axis2=2)[:, NAV:] for each in (before, after))
+        variance_before, variance_after = (np.diagonal(change, axis1=1, axis2=2)[:, NAV:] for change in (before, after))
         qd = np.zeros((m, n + FAULTS))
         qd[1:, NAV:n] = np.maximum(variance_before - fade[:, NAV:n] ** 2 * variance_after, 0.0)[1:]
         values, vectors = np.linalg.eigh(0.5 * (q + np.swapaxes(q, 1, 2)))
@@ -236,10 +236,10 @@ class LinearRecord:
         fed = np.zeros((m, n + FAULTS))
         fed[:, :n] = np.einsum("mi,mij->mj", z, gain)
         sensors, taken = history[:, CORRECTION : CORRECTION + STATES - NAV], np.zeros((m + 1, NAV))
-        for each in ready.explained.changes:
-            if each.first < NAV:
-                taken[np.searchsorted(time, each.time - 1e-6), each.first : each.first + 3] += each.change
-        at_change = [each.time for each in ready.explained.changes] + [each.time for each in ready.rounding]
+        for change in ready.explained.changes:
+            if change.first < NAV:
+                taken[np.searchsorted(time, change.time - 1e-6), change.first : change.first + 3] += change.change
+        at_change = [change.time for change in ready.explained.changes] + [change.time for change in ready.rounding]
         for k in np.unique(np.searchsorted(time, np.array(at_change) - 1e-6)):
             if 0 < k < m:  # the run subtracted the change here: add it to the corrections
                 q[k], qd[k], fade[k, NAV:STATES] = q[k - 1], qd[k - 1], fade[k - 1, NAV:STATES]
@@ -276,8 +276,8 @@ class LinearRecord:
         span, phi, *_ = self.system
         mean = np.diff(sums, axis=0, prepend=sums[:1]) / np.maximum(span, 1e-9)[:, None]
         pairs = [(i, j) for i in range(6) for j in range(i // 3 * 3, i // 3 * 3 + 3) if i != j]
-        by = np.stack([phi[:, :, NAV + i] * mean[:, j, None] for i, j in pairs], axis=2)
-        return self._with_states(by, np.repeat(sd**2, len(pairs) // 2))
+        effect = np.stack([phi[:, :, NAV + i] * mean[:, j, None] for i, j in pairs], axis=2)
+        return self._with_states(effect, np.repeat(sd**2, len(pairs) // 2))
 
     def with_rounding(self, rounding: Sequence[RoundingChange]) -> LinearRecord:
         """Add rounding errors of coarse gyros as states, apart from the bias; each change makes them independent."""
@@ -337,10 +337,10 @@ class LinearRecord:
         """Compute score (m, d) and information (m, d, d) of a step of one kind before each epoch."""
         columns = self.columns(kind)
         rows = np.flatnonzero(columns.any(axis=1))
-        by, score, information = columns[rows], of.scores[0][:, rows], of.scores[1][:, rows[:, None], rows]
-        if np.array_equal(by, np.eye(rows.size)):  # each column is one state: skip the products
+        selection, score, information = columns[rows], of.scores[0][:, rows], of.scores[1][:, rows[:, None], rows]
+        if np.array_equal(selection, np.eye(rows.size)):  # each column is one state: skip the products
             return score, information
-        return score @ by, np.asarray(by.T @ information @ by)
+        return score @ selection, np.asarray(selection.T @ information @ selection)
 
     def columns(self, kind: Kind) -> FloatArray:
         """Build the columns of a kind, (n, d), with ones at the states that step; (n, 0) without such a state."""
@@ -359,8 +359,8 @@ class LinearRecord:
         z, h, fed = self.measured
         measured = z, h, self.variance * np.repeat(factor / weights[:, :2], 3, axis=1), fed
         system = *system[:3], system[3] / weights[:, 2, None, None], *system[4:]
-        m, n, at = self.time.size, self.start.shape[0], self.states["correlated"]
-        rows = np.array([*range(NAV), at, at + 1, at + 2])
+        m, n, lasting = self.time.size, self.start.shape[0], self.states["correlated"]
+        rows = np.array([*range(NAV), lasting, lasting + 1, lasting + 2])
         out = np.empty((m, 6)), np.empty((m, 6)), np.empty((m, 6, n)), rows, np.empty((m, 12)), np.empty((m, 12, n))
         cost: float = linear.forward(system, measured, (np.zeros(n), start), jumps, out)
         spans = (range(step.begin, step.end if step.kind.fills else step.begin + 1) for step in steps)

@@ -226,8 +226,8 @@ class _Searcher:
         margin = max(30.0, self.record.time[step.end or step.begin] - self.record.time[step.begin])
         first, last = self.record.time[step.begin] - margin, self.record.time[step.end or step.begin] + margin
         best: dict[tuple[str, bool], Proposal] = {}
-        near = [row for row in (step.begin, step.end) if row]
-        for each in propose(self.record, bare.seen, self.kinds, (), near):
+        edges = [row for row in (step.begin, step.end) if row]
+        for each in propose(self.record, bare.seen, self.kinds, (), edges):
             time = self.record.time[each.steps[0].begin]
             if first <= time <= last:
                 best.setdefault((each.steps[0].kind.name, each.steps[0].end > 0), each)
@@ -270,11 +270,11 @@ def search(
             break
         complete = all(step.kind.of_fixes for step in fit.steps if step not in before.steps)
         fit = searcher.relocate(fit) if complete else fit
-    others = [each for each in searcher.fits.values() if each.steps != fit.steps and each.cost < fit.cost + ACCEPT]
+    similar = [each for each in searcher.fits.values() if each.steps != fit.steps and each.cost < fit.cost + ACCEPT]
     remaining = [fit.steps[:i] + fit.steps[i + 1 :] for i in range(len(fit.steps) * (complete and end != "once"))]
     without = (searcher.settle(fit, rest).cost if rest or known else plain_cost for rest in remaining)
     gains = tuple(cost - fit.cost for cost in without) or (0.0,) * len(fit.steps)
-    return Search(fit, tuple(others), tuple(considered), searcher.passes, gains, complete)
+    return Search(fit, tuple(similar), tuple(considered), searcher.passes, gains, complete)
 
 
 def search_part(
@@ -287,10 +287,10 @@ def search_part(
     """
     count, low = record.time.size, len(known.best.weights) if known else FEWEST
     if known is None or (known.best.steps and not known.limit):
-        found = search(record, kinds, known, like, end="lost")
-        if found.complete or not found.best.is_lost:
-            return record, found
-        known = known and replace(known, passes=found.passes)
+        result = search(record, kinds, known, like, end="lost")
+        if result.complete or not result.best.is_lost:
+            return record, result
+        known = known and replace(known, passes=result.passes)
     if known is None or low == count:  # the known faults made the record nonlinear: start again
         low, known = FEWEST, search(record.until(FEWEST), kinds, None, like, end="once")
         if forms_of(known.best.steps):
@@ -303,21 +303,21 @@ def search_part(
         if not same(again.best.steps, known.best.steps):
             return record.until(low), replace(again, complete=False, before=known.before)
         known = again
-    high, ahead, shown = known.limit or count, 1, None
+    high, ahead, candidate = known.limit or count, 1, None
     while high - low > 1:
         epochs = min(low + ahead, (low + high) // 2)
         part = search(record.until(epochs), kinds, known, like, end="once")
         known = replace(known, passes=part.passes)
         if part.best.is_lost:
-            high, shown = epochs, None
+            high, candidate = epochs, None
         elif forms_of(part.best.steps) != forms_of(known.best.steps):
-            high, shown = epochs, part  # a new fault: try fewer epochs, as they are nearer to linear
-        elif shown is not None:
+            high, candidate = epochs, part  # a new fault: try fewer epochs, as they are nearer to linear
+        elif candidate is not None:
             break
         else:
             low, ahead = epochs, 2 * ahead
-    if shown is not None:
-        return record.until(high), replace(shown, complete=False, before=known)
+    if candidate is not None:
+        return record.until(high), replace(candidate, complete=False, before=known)
     return record.until(high), replace(search(record.until(high), kinds, known, like), complete=high == count)
 
 
@@ -328,8 +328,8 @@ def forms_of(steps: Sequence[Step]) -> list[tuple[str, bool]]:
 
 def same(some: Sequence[Step], others: Sequence[Step]) -> bool:
     """Test whether the faults of two records have the same kinds (IMU) and nearly the same sizes."""
-    alike = len(some) == len(others) and forms_of(some) == forms_of(others)
-    return alike and all(
+    same_forms = len(some) == len(others) and forms_of(some) == forms_of(others)
+    return same_forms and all(
         abs(np.sqrt(one.variance / two.variance) - 1.0) <= SAME
         for one, two in zip(some, others, strict=True)
         if two.variance
@@ -389,8 +389,8 @@ def false_for_long(weights: FloatArray, known: BoolArray) -> BoolArray:
 def most_are_weak(record: LinearRecord, weights: FloatArray) -> bool:
     """Test whether most positions, or velocities, have weak weights in every part of 20 epochs: noise, not a fault."""
     parts = np.array_split(np.arange(record.time.size), max(2, record.time.size // 20))
-    weak, known = (weights[:, :2] < WEAK) & record.known, record.known
-    few = [2 * weak[rows].sum(axis=0) <= known[rows].sum(axis=0) for rows in parts if known[rows].any()]
+    weak, measured = (weights[:, :2] < WEAK) & record.known, record.known
+    few = [2 * weak[rows].sum(axis=0) <= measured[rows].sum(axis=0) for rows in parts if measured[rows].any()]
     return not np.any(few, axis=0).all()
 
 
@@ -403,5 +403,5 @@ def form_of(proposal: Proposal, known: tuple[Step, ...]) -> tuple[str, bool]:
 def with_known(proposal: Proposal, known: tuple[Step, ...]) -> tuple[Step, ...]:
     """Combine the steps of a proposal with the known steps that it does not replace."""
     begins = {(each.kind.name, each.begin) for each in proposal.steps}
-    rest = (each for each in known if (each.kind.name, each.begin) not in begins)
-    return tuple(sorted((*rest, *proposal.steps), key=lambda each: each.begin))
+    kept = (each for each in known if (each.kind.name, each.begin) not in begins)
+    return tuple(sorted((*kept, *proposal.steps), key=lambda each: each.begin))

@@ -114,10 +114,10 @@ def _contradictions(
     least_jump = max(3.0, MEDIANS * float(np.nanmedian(jump[even])))
     jumped = even & smooth & (jump > np.maximum(least_jump, REPORTED * np.hypot(sd[1:], sd[:-1])[:, :2].max(axis=1)))
     next_to_jump = jumped[1:] | jumped[:-1]
-    wrong = usable & beyond & ~next_to_jump
+    false = usable & beyond & ~next_to_jump
     return (
-        float(np.mean(wrong[usable])),
-        float(np.max(error[wrong], initial=0.0)),
+        float(np.mean(false[usable])),
+        float(np.max(error[false], initial=0.0)),
         int(jumped.sum()),
         float(np.max(jump[jumped], initial=0.0)),
     )
@@ -139,12 +139,12 @@ def unlikely(run: Run, ready: FilterInput) -> float:
         (innovations.nis_position, innovations.sd[:, :3], gps.position_sd[rows], innovations.used_position),
         (innovations.nis_velocity, innovations.sd[:, 3:], gps.velocity_sd[rows], innovations.used_velocity),
     ):
-        known = np.isfinite(nis)
+        measured = np.isfinite(nis)
         large = FALSE_FROM * (1.0 + np.log(np.maximum(nis, FALSE_FROM) / FALSE_FROM))  # logarithmic for false fixes
-        cost = (np.where(nis > FALSE_FROM, large, nis) + 2.0 * np.log(sd / reported).sum(axis=1))[known & used]
+        cost = (np.where(nis > FALSE_FROM, large, nis) + 2.0 * np.log(sd / reported).sum(axis=1))[measured & used]
         median_cost = float(np.median(cost)) if cost.size else 0.0
-        total += float(np.sum(cost)) + int((known & ~used).sum()) * (UNUSED + median_cost)
-        total += EPISODE * sum(1 for _ in runs_of(known & ~used))
+        total += float(np.sum(cost)) + int((measured & ~used).sum()) * (UNUSED + median_cost)
+        total += EPISODE * sum(1 for _ in runs_of(measured & ~used))
     return total
 
 

@@ -187,9 +187,9 @@ def scale_of(
     deviations, and the logarithm of their prior probability.
     """
     variance, axes = np.linalg.eigh(covariance)
-    known = np.maximum(1.0 / variance - opened**-2.0, 1e-9)
-    by_data = (axes.T @ off) / (variance * known)
-    total = 1.0 / known + scales[:, None] ** 2
+    information = np.maximum(1.0 / variance - opened**-2.0, 1e-9)
+    by_data = (axes.T @ off) / (variance * information)
+    total = 1.0 / information + scales[:, None] ** 2
     log_weight = prior - 0.5 * np.sum(by_data**2 / total + np.log(total), axis=1)
     weight = np.exp(log_weight - log_weight.max())
     return float(scales[np.argmax(log_weight)]), float(np.sqrt(weight @ scales**2 / weight.sum()))
@@ -259,8 +259,8 @@ def _likelihood(seen: Filtered) -> LateFixes | None:
 
 def _found(seen: Filtered, likelihood: LateFixes | None, alone: tuple[float, float]) -> Found:
     """Estimate delay and lag from a filter run and its likelihood; see `delay_of`."""
-    known = seen.used.receiver.lag
-    nothing = Found(0.0, np.inf, 0.0, known.value, 0.0, known.moments)
+    assumed = seen.used.receiver.lag
+    nothing = Found(0.0, np.inf, 0.0, assumed.value, 0.0, assumed.moments)
     if likelihood is None or likelihood.blocks < BLOCKS or not likelihood.moves:  # fewer parts may agree by chance
         return nothing
     best = likelihood.likeliest(COARSE, likelihood.lag)
@@ -272,9 +272,9 @@ def _found(seen: Filtered, likelihood: LateFixes | None, alone: tuple[float, flo
     drifting = likelihood.costs(delays[[np.argmin(fine.sum(axis=1))]], rates).sum(axis=1)
     least = int(np.clip(np.argmin(drifting), 1, rates.size - 2))
     # three neighbouring rates must be better: a single one may be chance
-    sure = drifting[rates.size // 2] - drifting[least - 1 : least + 2].max() > SURE**2
+    significant = drifting[rates.size // 2] - drifting[least - 1 : least + 2].max() > SURE**2
     drift_range = abs(float(rates[least])) * likelihood.half
-    if sure and drift_range > FINE and likelihood.cost_of_step(delays, drift_range) > drifting[least]:
+    if significant and drift_range > FINE and likelihood.cost_of_step(delays, drift_range) > drifting[least]:
         drift = float(rates[least])
         fine = likelihood.costs(delays, drift)
     middle = int(np.clip(np.argmin(fine.sum(axis=1)), 1, delays.size - 2))
@@ -327,22 +327,22 @@ def _with_lag(
     start = np.array([(delay - by * lag, likelihood.lag + lag) for by in (0.0, 1.0) for lag in LAGS])
     lag_alone, weight = alone[0], float(np.hypot(ALONE * alone[1], ALONE_LEAST)) ** -2.0
     prior_cost = 0.5 * weight * (start[:, 1] - lag_alone) ** 2
-    at = start[likelihood.likeliest(start[:, 0], start[:, 1], prior_cost, drift)]
-    known = np.array([REACH, LAG_SD]) ** -2.0 + [0.0, weight]
+    top = start[likelihood.likeliest(start[:, 0], start[:, 1], prior_cost, drift)]
+    prior = np.array([REACH, LAG_SD]) ** -2.0 + [0.0, weight]
     for _ in range(NEWTON):
-        slopes, curvature = likelihood.slopes(at[0], drift, at[1], LAG_STEP)
-        covariance = np.linalg.inv(curvature + np.diag(known))
-        step = -covariance @ (slopes.sum(axis=1) + known * at * [0.0, 1.0] - [0.0, weight * lag_alone])
-        at = at + np.clip(step, -LAG_SD, LAG_SD)
+        slopes, curvature = likelihood.slopes(top[0], drift, top[1], LAG_STEP)
+        covariance = np.linalg.inv(curvature + np.diag(prior))
+        step = -covariance @ (slopes.sum(axis=1) + prior * top * [0.0, 1.0] - [0.0, weight * lag_alone])
+        top = top + np.clip(step, -LAG_SD, LAG_SD)
         if np.abs(step).max() < LAG_STEP:
             break
     scatter = covariance @ (slopes.shape[1] * np.cov(slopes)) @ covariance
     ratio = np.maximum(np.diag(scatter) / np.diag(covariance), 1.0)
-    alternatives = np.array([delay, delay + likelihood.lag, at[0] + at[1], at[0]])
-    costs = likelihood.costs(alternatives, drift, np.append(np.zeros(3), at[1])).sum(axis=1)
-    gain = (costs[:3].min() - costs[3]) / ratio[1] - 0.5 * (known[1] * at[1] - 2.0 * weight * lag_alone) * at[1]
+    alternatives = np.array([delay, delay + likelihood.lag, top[0] + top[1], top[0]])
+    costs = likelihood.costs(alternatives, drift, np.append(np.zeros(3), top[1])).sum(axis=1)
+    gain = (costs[:3].min() - costs[3]) / ratio[1] - 0.5 * (prior[1] * top[1] - 2.0 * weight * lag_alone) * top[1]
     covariance = covariance * np.sqrt(np.outer(ratio, ratio))
-    return at, covariance, float(gain + 0.5 * np.log(min(covariance[1, 1] / LAG_SD**2, 1.0)))
+    return top, covariance, float(gain + 0.5 * np.log(min(covariance[1, 1] / LAG_SD**2, 1.0)))
 
 
 def on_time(prepared: Callable[[float, float], Aligned], receiver: Receiver) -> Aligned:
@@ -353,66 +353,66 @@ def on_time(prepared: Callable[[float, float], Aligned], receiver: Receiver) -> 
     specified delay is not estimated.
     """
     best = prepared(0.0, 0.0)
-    clock, rate = own = 0.0, 0.0
+    clock, rate = best_shift = 0.0, 0.0
     if receiver.delay.sd <= 0.0 and receiver.lever_arm.sd <= 0.0 and not receiver.lever_arm.value.any():
         return best
     ready = best.ready
-    seen = filtered(ready)
+    best_run = filtered(ready)
     lag = ready.receiver.lag
-    further, width, lags = seen, receiver.delay.sd, (lag.value, 0.0, lag.moments)
-    before, last, least_delay_sd, shown = (best, seen, own), 0.0, 0.0, 0.0
+    further, width, lags = best_run, receiver.delay.sd, (lag.value, 0.0, lag.moments)
+    before, last, least_delay_sd, total = (best, best_run, best_shift), 0.0, 0.0, 0.0
     half = 0.5 * min(float(np.ptp(ready.imu.time)), LONGEST)  # half of the used part of the record [s]
     alone = velocity_lag(ready.gps) if receiver.delay.sd > 0.0 else (0.0, np.inf)
     tried, misfit, cost = before, np.nan, np.nan
     for _ in range(ROUNDS if receiver.delay.sd > 0.0 else 0):
-        found = delay_of(further, alone)
-        if found.misfit < misfit - BETTER:  # gates reject many: with all fixes, the shift is better
-            best, seen, own = tried
-        misfit, cost = found.misfit, found.cost if further is seen else cost
-        delay, sd, drift = found[:3]
-        least_delay_sd, shown = found.least_delay_sd, clock + delay + half * (rate + drift)
-        used_lag, lags = further.used.receiver.lag, found[3:6]
-        lagging = abs(found.lag - used_lag.value) >= LAG_WORTH or found.moments != used_lag.moments
+        estimate = delay_of(further, alone)
+        if estimate.misfit < misfit - BETTER:  # gates reject many: with all fixes, the shift is better
+            best, best_run, best_shift = tried
+        misfit, cost = estimate.misfit, estimate.cost if further is best_run else cost
+        delay, sd, drift = estimate[:3]
+        least_delay_sd, total = estimate.least_delay_sd, clock + delay + half * (rate + drift)
+        used_lag, lags = further.used.receiver.lag, estimate[3:6]
+        lagging = abs(estimate.lag - used_lag.value) >= LAG_WORTH or estimate.moments != used_lag.moments
         # velocities determine the sum of delay and lag: if the lag is negligible, shift the clock by the sum
-        ahead, ahead_sd = (delay, sd) if lagging else (delay + found.lag - used_lag.value, found.sum_sd)
+        ahead, ahead_sd = (delay, sd) if lagging else (delay + estimate.lag - used_lag.value, estimate.sum_sd)
         # other evidence: an earlier shift, or a delay state of the same sign that is significant
         agrees = further.delay * np.sign(ahead) > SURE * further.delay_sd
-        sure = SURE if clock == 0.0 and not agrees else REFINED
+        least_significance = SURE if clock == 0.0 and not agrees else REFINED
         # do not shift by a small delay together with a new lag: the delay of the next run, with this lag, is valid
-        near = abs(ahead) < receiver.delay.sd
-        moved = bool(abs(ahead) >= max(WORTH, sure * ahead_sd) or drift) and not (lagging and near)
-        left = float(np.hypot(sd, delay - ahead if moved else delay))
-        width = max(receiver.delay.sd, min(LOOKED * left, WIDEST))
+        small = abs(ahead) < receiver.delay.sd
+        moved = bool(abs(ahead) >= max(WORTH, least_significance * ahead_sd) or drift) and not (lagging and small)
+        remaining = float(np.hypot(sd, delay - ahead if moved else delay))
+        width = max(receiver.delay.sd, min(LOOKED * remaining, WIDEST))
         if moved and abs(last) < receiver.delay.sd and ahead * last < -BACK * last**2:
-            best, seen, own = before
+            best, best_run, best_shift = before
             break
         if not moved and not lagging:
-            if found.least < cost - CHEAPER:
-                best, seen, own = tried
+            if estimate.least < cost - CHEAPER:
+                best, best_run, best_shift = tried
             break
-        before, last = (best, seen, own), 0.0 if drift or not moved else ahead
+        before, last = (best, best_run, best_shift), 0.0 if drift or not moved else ahead
         if moved:
             clock, rate = clock + ahead, rate + drift
         shifted = prepared(clock, rate)
-        lagged = replace(shifted.ready.receiver, lag=Lag(found.lag, moments=found.moments))
+        lagged = replace(shifted.ready.receiver, lag=Lag(estimate.lag, moments=estimate.moments))
         shifted = replace(shifted, ready=replace(shifted.ready, receiver=lagged))
         # accept a small refinement whatever its misfit: the delay state explains a small delay nearly as well
-        refined = further is seen and sure == REFINED and near and not drift
+        refined = further is best_run and least_significance == REFINED and small and not drift
         further = filtered(shifted.ready)
         tried = shifted, further, (clock, rate)
-        if refined or further.misfit <= seen.misfit + WORSE:  # or go on: the first of several shifts may be worse
-            best, seen, own = tried
+        if refined or further.misfit <= best_run.misfit + WORSE:  # or go on: the first of several shifts may be worse
+            best, best_run, best_shift = tried
     ready, receiver = best.ready, best.ready.receiver
-    lever_arm = replace(receiver.lever_arm, shaken=seen.shaken, sd=seen.lever_sd)
-    shown -= own[0] + half * own[1]
-    searched = replace(receiver.delay, sd=width, least_sd=least_delay_sd, shown=shown)
+    lever_arm = replace(receiver.lever_arm, shaken=best_run.shaken, sd=best_run.lever_sd)
+    total -= best_shift[0] + half * best_shift[1]
+    searched = replace(receiver.delay, sd=width, least_sd=least_delay_sd, shown=total)
     lag = Lag(lags[0], LOOKED * lags[1] if lags[1] > WORTH else 0.0, lags[2])
     ready = replace(ready, receiver=replace(receiver, lever_arm=lever_arm, delay=searched, lag=lag))
     if len(ready.starts) == 1:  # with the repeated start in motion
-        ready = replace(ready, starts=seen.ready.starts)
-    lagging, known = abs(lags[0]) > LAG_WORTH, lags[1] > 0.0
-    notes = [note for note in best.findings if lagging > known or note.code is not Code.GPS_VELOCITY_LAG]
-    if lagging and known:
+        ready = replace(ready, starts=best_run.ready.starts)
+    lagging, estimated = abs(lags[0]) > LAG_WORTH, lags[1] > 0.0
+    notes = [note for note in best.findings if lagging > estimated or note.code is not Code.GPS_VELOCITY_LAG]
+    if lagging and estimated:
         notes.append(name_lag(lags[0], lags[1]))
     if best.clock != 0.0:
         notes.append(Finding.of(Code.GPS_DELAY_MOVED, delay_s=best.clock))
@@ -526,11 +526,11 @@ def with_hidden_lever(ready: FilterInput, run: Run) -> tuple[Run, tuple[Finding,
     of_each = share * (run.lever_sd_alone / np.max(run.lever_sd_alone)) ** 2
     bias_to_zero = np.where(of_each > 1.0, of_each, 0.0) * np.abs(run.lever_b)
     sd = np.hypot(2.0 * run.lever_sd, bias_to_zero)
-    more = sd**2 - run.lever_sd**2
+    added = sd**2 - run.lever_sd**2
 
     def wider(solution: Trajectory, of: FloatArray) -> FloatArray:
         c_nb = dcm_from_quat(quat_from_rph(solution.rph))
-        of[:, :3] = np.sqrt(of[:, :3] ** 2 + c_nb**2 @ more)
+        of[:, :3] = np.sqrt(of[:, :3] ** 2 + c_nb**2 @ added)
         return of
 
     hidden = Finding.of(Code.NOISE_HIDES_LEVER_ARM, begin, share=share, limit_share=PRETENDED, noise_rad_sqrt_s=noise)

@@ -142,8 +142,8 @@ def initial_state(
     follows from the alignment.
     """
     sd = model.sd.copy()
-    seen = 1.0 / (1.0 + (alignment.gyro_bias_sd / np.maximum(sd[:3], 1e-15)) ** 2)  # weight of the alignment
-    sd[:3] *= np.sqrt(1.0 - seen)
+    weight = 1.0 / (1.0 + (alignment.gyro_bias_sd / np.maximum(sd[:3], 1e-15)) ** 2)  # weight of the alignment
+    sd[:3] *= np.sqrt(1.0 - weight)
     p = np.zeros((STATES, STATES))
     p[:9, :9] = np.diag(np.concatenate([position_sd, velocity_sd, alignment.sd]) ** 2)
     p[9:, 9:] = np.diag(sd**2)
@@ -158,12 +158,12 @@ def initial_state(
         j[2, 0:3] = -c[1] / (OMEGA_EARTH * np.cos(lla[0]))
         j[2, 3:6] = -np.tan(lla[0]) * j[0, 3:6]
     shared = j @ p[9:, 9:] @ j.T
-    whole = alignment.sd**2 if own is None else own + np.diag(shared)
-    own = np.maximum(whole - np.diag(shared), 1e-4 * whole)
+    total = alignment.sd**2 if own is None else own + np.diag(shared)
+    own = np.maximum(total - np.diag(shared), 1e-4 * total)
     p[6:9, 6:9] = shared + np.diag(own)
     p[6:9, 9:] = j @ p[9:, 9:]
     p[9:, 6:9] = p[6:9, 9:].T
-    return InitialState(alignment.time, lla, v_n, alignment.rph, seen * alignment.gyro_bias, p, own, from_fix)
+    return InitialState(alignment.time, lla, v_n, alignment.rph, weight * alignment.gyro_bias, p, own, from_fix)
 
 
 @dataclass(frozen=True, slots=True)

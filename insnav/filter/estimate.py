@@ -214,8 +214,8 @@ class Estimate:
     def go_back(self, saved: tuple[Any, ...]) -> None:
         """Restore a state that `saved` returned."""
         arrays, covariance, self._engine.repairs, changes, rounding, bias, self._noise = saved
-        for each, values in zip(self._changing, arrays, strict=True):
-            each[:] = values
+        for array, values in zip(self._changing, arrays, strict=True):
+            array[:] = values
         self._changes, self._rounding, self._bias = list(changes), list(rounding), bias.copy()
         self._engine.replace_covariance(covariance)
 
@@ -279,8 +279,8 @@ class Estimate:
             variance += self._noise.noise[6 + axis] * (found.time - since)
             part = variance / (variance + before)
             self.correction[axis] = bias + part * (self.correction[axis] - bias)
-            for each in (self._phi[state], self._q[state], self._q[:, state]):
-                each *= part
+            for row in (self._phi[state], self._q[state], self._q[:, state]):
+                row *= part
             self._q[state, state] += part * before
             variance_now = float(self._phi[state] @ self.covariance @ self._phi[state] + self._q[state, state])
             self._bias[axis] = self.correction[axis], variance_now, found.time

@@ -108,8 +108,8 @@ def impossible(gates: Gates, gps: GpsData) -> BoolArray:
     """Find positions too far from both the previous and the next fix for any vehicle, (n,)."""
     sd = gps.position_sd.max(axis=1)
     limit = gates.max_speed * np.diff(gps.time) + gates.physical_sd * (sd[1:] + sd[:-1])
-    far = np.linalg.norm(ned_offset(gps.lla[1:], gps.lla[:-1]), axis=1) > limit
-    return np.asarray(np.append(True, far) & np.append(far, True))
+    distant = np.linalg.norm(ned_offset(gps.lla[1:], gps.lla[:-1]), axis=1) > limit
+    return np.asarray(np.append(True, distant) & np.append(distant, True))
 
 
 def aside(gates: Gates, gps: GpsData) -> BoolArray:
@@ -120,13 +120,13 @@ def aside(gates: Gates, gps: GpsData) -> BoolArray:
     """
     aside_fixes = np.zeros(gps.time.size, dtype=np.bool_)
     remaining = np.flatnonzero(gps.valid)  # invalid fixes may be anywhere
-    while (wrong := _beside(gates, gps.rows(remaining))).any():  # repeat: a false fix masks others
-        aside_fixes[remaining[wrong]], remaining = True, remaining[~wrong]
+    while (false := _beside(gates, gps.rows(remaining))).any():  # repeat: a false fix masks others
+        aside_fixes[remaining[false]], remaining = True, remaining[~false]
     return aside_fixes
 
 
 def _beside(gates: Gates, gps: GpsData) -> BoolArray:
-    time, sd, found = gps.time, gps.position_sd.max(axis=1), np.zeros(gps.time.size, dtype=np.bool_)
+    time, sd, false = gps.time, gps.position_sd.max(axis=1), np.zeros(gps.time.size, dtype=np.bool_)
     # sum of steps from fix to fix: one local frame would not suit a long track
     place = np.cumsum(np.vstack([np.zeros(3), ned_offset(gps.lla[1:], gps.lla[:-1])]), axis=0)
 
@@ -141,11 +141,11 @@ def _beside(gates: Gates, gps: GpsData) -> BoolArray:
     for length in range(1, IN_A_ROW + 1):
         first = np.arange(1, time.size - length - 2)  # the nearer of two earlier fixes
         last = first + length + 1
-        far, limit = np.array([off(first + k, first, last) for k in range(1, length + 1)]).swapaxes(0, 1)
+        distance, limit = np.array([off(first + k, first, last) for k in range(1, length + 1)]).swapaxes(0, 1)
         aligned = np.minimum(off(first, first - 1, last)[0], off(last, first, last + 1)[0])
-        start = first[(far > limit).all(axis=0) & (aligned < ON_LINE * far.min(axis=0))]
-        found[(start[:, None] + np.arange(1, length + 1)).ravel()] = True
-    return found
+        start = first[(distance > limit).all(axis=0) & (aligned < ON_LINE * distance.min(axis=0))]
+        false[(start[:, None] + np.arange(1, length + 1)).ravel()] = True
+    return false
 
 
 def statistical(
@@ -210,14 +210,14 @@ def _without_frozen_positions(gps: GpsData, imu: ImuData) -> tuple[GpsData, list
     level = np.abs(by_position[:, :2])
     step, written = np.linalg.norm(level, axis=1), float(np.min(level, initial=FROZEN, where=level != 0.0))
     jitter = np.minimum((1.0 - KEPT) * np.linalg.norm(expected, axis=1), PARKED * gps.position_sd[1:, :2].min(axis=1))
-    same = (step == 0.0) | (step < jitter)
+    unmoved = (step == 0.0) | (step < jitter)
     repeated = (by_position == 0.0).all(axis=1) & ((np.diff(v_n, axis=0) == 0.0) | np.isnan(v_n[1:])).all(axis=1)
     travels = float(np.ptp(ned_offset(gps.lla, gps.lla[0])[:, :2], axis=0).max(initial=0.0)) > JOURNEY
-    for first, last in runs_of(same & gps.valid[1:]):
+    for first, last in runs_of(unmoved & gps.valid[1:]):
         distance, rows = _way(expected[first:last]), slice(first + 1, last + 1)
         least = FROZEN if step[first:last].any() else max(SAME, STEPS * written)
-        whole = travels and bool(repeated[first:last].all())
-        scatter = _scatter(imu, *gps.time[[first, last]]) if whole and distance <= least else 0.0
+        all_repeated = travels and bool(repeated[first:last].all())
+        scatter = _scatter(imu, *gps.time[[first, last]]) if all_repeated and distance <= least else 0.0
         if distance > least or scatter > SHAKEN:
             position_sd[rows] = UNUSABLE
             v_n[rows][repeated[first:last]] = np.nan
@@ -225,8 +225,8 @@ def _without_frozen_positions(gps: GpsData, imu: ImuData) -> tuple[GpsData, list
     if not frozen:
         return gps, []
     distance, least, first, last, scatter = max(frozen)
-    shown = {"scatter_m_s2": scatter, "limit_m_s2": SHAKEN} if scatter else {"distance_m": distance, "limit_m": least}
-    return replace(gps, position_sd=position_sd, v_n=v_n), [_report(Code.GPS_FROZEN, gps, first, last, frozen, shown)]
+    values = {"scatter_m_s2": scatter, "limit_m_s2": SHAKEN} if scatter else {"distance_m": distance, "limit_m": least}
+    return replace(gps, position_sd=position_sd, v_n=v_n), [_report(Code.GPS_FROZEN, gps, first, last, frozen, values)]
 
 
 def _way(steps: FloatArray) -> float:
@@ -238,8 +238,8 @@ def _way(steps: FloatArray) -> float:
 def _without_held_velocities(gps: GpsData, imu: ImuData) -> tuple[GpsData, list[Finding]]:
     """Remove velocities that repeat while the positions contradict them. Report the largest episode."""
     v_n, held = gps.v_n.copy(), list[tuple[float, int, int]]()
-    same = (np.diff(v_n, axis=0) == 0.0).all(axis=1)
-    for first, last in runs_of(same):
+    repeated = (np.diff(v_n, axis=0) == 0.0).all(axis=1)
+    for first, last in runs_of(repeated):
         # sum of steps from fix to fix: north rotates along a long track
         moved = ned_offset(gps.lla[first + 1 : last + 1], gps.lla[first:last])
         error = np.cumsum(moved - v_n[first] * np.diff(gps.time[first : last + 1])[:, None], axis=0)
@@ -252,8 +252,8 @@ def _without_held_velocities(gps: GpsData, imu: ImuData) -> tuple[GpsData, list[
     if not held:
         return gps, []
     distance, first, last = max(held)
-    shown = {"distance_m": distance, "limit_m": FROZEN}
-    return replace(gps, v_n=v_n), [_report(Code.GPS_FROZEN_VELOCITY, gps, first, last, held, shown)]
+    values = {"distance_m": distance, "limit_m": FROZEN}
+    return replace(gps, v_n=v_n), [_report(Code.GPS_FROZEN_VELOCITY, gps, first, last, held, values)]
 
 
 def _without_coasting(gps: GpsData) -> tuple[GpsData, list[Finding]]:
@@ -262,9 +262,9 @@ def _without_coasting(gps: GpsData) -> tuple[GpsData, list[Finding]]:
     step = np.diff(gps.time)
     moved, predicted = ned_offset(gps.lla[1:], gps.lla[:-1]), 0.5 * (v_n[1:] + v_n[:-1]) * step[:, None]
     off = np.linalg.norm((moved - predicted)[:, :2], axis=1)
-    same, moves = (np.diff(v_n, axis=0) == 0.0).all(axis=1), np.linalg.norm(v_n[1:, :2], axis=1) > STATIC_SPEED
-    normal = moves & ~same & np.isfinite(off)
-    for first, last in runs_of(same & moves) if normal.any() else ():
+    repeated, moves = (np.diff(v_n, axis=0) == 0.0).all(axis=1), np.linalg.norm(v_n[1:, :2], axis=1) > STATIC_SPEED
+    normal = moves & ~repeated & np.isfinite(off)
+    for first, last in runs_of(repeated & moves) if normal.any() else ():
         lasts = float(gps.time[last] - gps.time[first])
         if last - first >= FEWEST and lasts >= COASTS and np.median(off[first:last]) < EXACT * np.median(off[normal]):
             position_sd[first + 1 : last + 1], v_n[first + 1 : last + 1] = UNUSABLE, np.nan
@@ -272,8 +272,8 @@ def _without_coasting(gps: GpsData) -> tuple[GpsData, list[Finding]]:
     if not 0 < sum(last - first for _, first, last in coasts) < LARGEST * np.count_nonzero(moves):
         return gps, []
     lasts, first, last = max(coasts)
-    shown = {"duration_s": lasts, "limit_s": COASTS}
-    coasting = _report(Code.GPS_EXTRAPOLATED, gps, first, last, coasts, shown)
+    values = {"duration_s": lasts, "limit_s": COASTS}
+    coasting = _report(Code.GPS_EXTRAPOLATED, gps, first, last, coasts, values)
     return replace(gps, position_sd=position_sd, v_n=v_n), [coasting]
 
 
@@ -282,8 +282,8 @@ def _report(
 ) -> Finding:
     """Report the largest episode: its time, its number of repeated fixes, and the number of further episodes."""
     begin, end = gps.time[[first, last]]
-    more = len(episodes) - 1 or np.nan
-    return Finding.of(code, begin, end, subject="gps", **shown, count=last - first, more_count=more)
+    further = len(episodes) - 1 or np.nan
+    return Finding.of(code, begin, end, subject="gps", **shown, count=last - first, more_count=further)
 
 
 def _scatter(imu: ImuData, first: float, last: float) -> float:

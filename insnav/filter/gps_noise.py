@@ -49,8 +49,8 @@ def heights_measured(lla: FloatArray) -> bool:
 
 def vertical_measured(v_n: FloatArray) -> bool:
     """Test whether vertical velocities in `v_n` (n, 3) are measured. A constant while the others change is not."""
-    known = v_n[np.isfinite(v_n).all(axis=1)]
-    changes = known.max(axis=0, initial=-np.inf) - known.min(axis=0, initial=np.inf)
+    complete = v_n[np.isfinite(v_n).all(axis=1)]
+    changes = complete.max(axis=0, initial=-np.inf) - complete.min(axis=0, initial=np.inf)
     return bool(changes[2] != 0.0 or not changes[:2].any())
 
 
@@ -205,12 +205,12 @@ def _rounding(values: FloatArray) -> tuple[float, FloatArray]:
     A repeated nonzero value keeps its rounding error, so the mean of such fixes is no better than one fix.
     """
     repeats = np.ones(values.size)
-    known = np.flatnonzero(np.isfinite(values))
-    distinct, which = np.unique(np.round(values[known], FINEST), return_inverse=True)
+    finite = np.flatnonzero(np.isfinite(values))
+    distinct, number = np.unique(np.round(values[finite], FINEST), return_inverse=True)
     if distinct.size < 2:
         return 0.0, repeats
-    lengths = np.diff(np.flatnonzero(np.diff(which, prepend=-1, append=-1)))
-    repeats[known] = np.where(distinct[which] == 0.0, 1, np.repeat(lengths, lengths))
+    lengths = np.diff(np.flatnonzero(np.diff(number, prepend=-1, append=-1)))
+    repeats[finite] = np.where(distinct[number] == 0.0, 1, np.repeat(lengths, lengths))
     if distinct.size < DISTINCT:
         return 0.0, repeats
     gaps = np.diff(distinct)
@@ -236,11 +236,11 @@ def with_sd(gps: GpsData, *, scatter_alone: bool = True) -> tuple[GpsData, tuple
         if not scatter_alone:
             carrier = np.inf
             code = Code.GPS_POSITION_SD_STAND_ALONE if gps.fix is None else Code.GPS_POSITION_SD_FIX_TYPE
-        found = _scatter(gps.time, ned_offset(gps.lla, gps.lla[0]), POSITION_FLOOR, DEFAULT_POSITION, carrier)
+        estimated = _scatter(gps.time, ned_offset(gps.lla, gps.lla[0]), POSITION_FLOOR, DEFAULT_POSITION, carrier)
         if not scatter_alone:
-            found = _by_fix(gps, found / ALIKE)
+            estimated = _by_fix(gps, estimated / ALIKE)
         largest = np.fmax.reduce(position_sd, axis=1, keepdims=True)  # lower limit of a missing sd
-        position_sd = np.where(missing, np.fmax(found, largest), position_sd)
+        position_sd = np.where(missing, np.fmax(estimated, largest), position_sd)
         rows = missing[:, :measured].any(axis=1)
         if rows.any():
             middle = np.median(position_sd[rows], axis=0).tolist()
@@ -271,16 +271,16 @@ def with_sd(gps: GpsData, *, scatter_alone: bool = True) -> tuple[GpsData, tuple
     given = np.isfinite(v_n).all(axis=1)
     missing = np.asarray(given & np.isnan(velocity_sd).any(axis=1))
     if missing.any():
-        found = _scatter(gps.time, v_n, VELOCITY_FLOOR, DEFAULT_VELOCITY, np.inf)
-        found[no_vertical, 2] = OPEN_SD
-        velocity_sd = np.where(missing[:, None], found, velocity_sd)
+        estimated = _scatter(gps.time, v_n, VELOCITY_FLOOR, DEFAULT_VELOCITY, np.inf)
+        estimated[no_vertical, 2] = OPEN_SD
+        velocity_sd = np.where(missing[:, None], estimated, velocity_sd)
         middle = np.median(velocity_sd[missing], axis=0).tolist()
         notes.append(
             Finding.of(Code.GPS_VELOCITY_SD_SCATTER, count=missing.sum(), sd_m_s=middle, floor_m_s=VELOCITY_FLOOR)
         )
-    steps, alike = zip(*map(_rounding, v_n.T), strict=True) if len(v_n) >= DISTINCT else ((0.0,), ())
+    steps, repeats = zip(*map(_rounding, v_n.T), strict=True) if len(v_n) >= DISTINCT else ((0.0,), ())
     step = np.where(steps, steps, max(steps))  # unknown for few values: use the step of the other axes
-    if step.any() and (velocity_sd < (least := step * np.sqrt(np.column_stack(alike) / 12.0))).any():
+    if step.any() and (velocity_sd < (least := step * np.sqrt(np.column_stack(repeats) / 12.0))).any():
         velocity_sd = np.maximum(velocity_sd, least)
         sd = max(steps) / math.sqrt(12.0)
         notes.append(Finding.of(Code.GPS_ROUNDED_VELOCITY, sd_m_s=sd, step_m_s=max(steps)))

@@ -105,9 +105,9 @@ class InnovationLikelihood:
         navigator.feed(imu)
         rows = navigator.history().rows()
         time = rows[:, TIME]
-        at = layout(self._receiver)
-        self._lasting = at.correlated
-        self._tape = kernel.tape(rows, at.states, run.model.noise, bridged(imu.time, time), run.rounding)
+        index = layout(self._receiver)
+        self._lasting = index.correlated
+        self._tape = kernel.tape(rows, index.states, run.model.noise, bridged(imu.time, time), run.rounding)
         self._offered = rows[:, SOURCE] == FIX
         self.reset = bool((self._tape[1] == RESTART).any())  # the run was reset to fixes
         h, jitter = self._tape[7], ready.receiver.jitter
@@ -164,12 +164,12 @@ class InnovationLikelihood:
 
     def with_correlated_velocities(self) -> InnovationLikelihood:
         """Copy with time-correlated velocity errors: three additional states, which are zero in the nominal run."""
-        wider, at, tape = copy(self), self._lasting + 3, list(self._tape)
-        tape[7], tape[8] = (np.insert(each, [at] * 3, 0.0, axis=-1) for each in self._tape[7:9])
-        tape[7][:, range(3, 6), range(at, at + 3)] = self._offered[:, None]
+        wider, index, tape = copy(self), self._lasting + 3, list(self._tape)
+        tape[7], tape[8] = (np.insert(each, [index] * 3, 0.0, axis=-1) for each in self._tape[7:9])
+        tape[7][:, range(3, 6), range(index, index + 3)] = self._offered[:, None]
         wider._tape = tuple(tape)
-        more = (Parameter(f"gps.{key}", middle, sd, sd) for key, (middle, sd) in VELOCITY_CORRELATED.items())
-        wider.parameters = (*self.parameters[:-2], *more, *self.parameters[-2:])
+        added = (Parameter(f"gps.{key}", middle, sd, sd) for key, (middle, sd) in VELOCITY_CORRELATED.items())
+        wider.parameters = (*self.parameters[:-2], *added, *self.parameters[-2:])
         return wider
 
     def _choose(self) -> tuple[Parameter, ...]:
@@ -188,9 +188,9 @@ class InnovationLikelihood:
         for axis, name in ((0, "velocity"), (2, "vertical_velocity")):
             if self.velocity_sd[axis] < OPEN_SD:
                 parameters.append(Parameter(f"gps.{name}", 0.0, VELOCITY_PRIOR, VELOCITY_PRIOR))
-        near = float(np.quantile(np.diff(self._given), 0.25))  # interval within the pairs of fixes
-        most = LARGEST_SHARE if near > FAR_APART else ALL
-        parameters.append(Parameter("gps.share", *SHARE, SHARE[1], most))
+        shortest = float(np.quantile(np.diff(self._given), 0.25))  # interval within the pairs of fixes
+        largest = LARGEST_SHARE if shortest > FAR_APART else ALL
+        parameters.append(Parameter("gps.share", *SHARE, SHARE[1], largest))
         return (*parameters, Parameter("gps.correlation_time", *CORRELATION_TIME, CORRELATION_TIME[1]))
 
     def spec(self, at: FloatArray) -> ImuSpec:
@@ -198,9 +198,9 @@ class InnovationLikelihood:
         factor = {p.key: float(np.exp(x)) for p, x in zip(self.parameters, at, strict=True)}
 
         def scaled(sensor: SensorSpec, name: str) -> SensorSpec:
-            found = {key: getattr(sensor, key) * factor.get(f"{name}.{key}", 1.0) for key in IMU_PRIOR}
-            most = {key: np.maximum(getattr(sensor, key), largest[name]) for key, largest in LARGEST.items()}
-            return replace(sensor, **found | {key: np.minimum(found[key], each) for key, each in most.items()})
+            values = {key: getattr(sensor, key) * factor.get(f"{name}.{key}", 1.0) for key in IMU_PRIOR}
+            limits = {key: np.maximum(getattr(sensor, key), largest[name]) for key, largest in LARGEST.items()}
+            return replace(sensor, **values | {key: np.minimum(values[key], each) for key, each in limits.items()})
 
         return replace(self.prior, gyro=scaled(self.prior.gyro, "gyro"), accel=scaled(self.prior.accel, "accel"))
 
@@ -260,12 +260,12 @@ class InnovationLikelihood:
         push = np.insert(self._axes, 0, 0.0, axis=0)
         first_moving = np.flatnonzero(kernel.held(self._tape[2]) & (self._tape[0] > 0.0)).max(initial=-1) + 1
         settled = slice(int(first_moving + (self._offered.size - first_moving) // SETTLING), None)
-        e, s, *by = self.normalised(at, push)
+        e, s, *effects = self.normalised(at, push)
         turned = rph_by_turn(self._c[settled], -push[1:, settled, 6:])
         kind = self._tape[1][: settled.start]
         late = slice(int(np.bitwise_count(kind[kind > COAST]).sum()), None)
         far_off = float(np.mean(np.abs(push[0, :, 6:]).max(axis=1) > FAR_OFF)) > FAR_OFF_SHARE
-        by_late = np.array(by)[:, late]
+        by_late = np.array(effects)[:, late]
         if not float(np.abs(by_late).max(initial=0.0)) * self.misalignment_sd.max() < SENSELESS:
             raise DivergenceError("filter.misalignment_unbounded")
         curvature_and_slope = informed(e[late], by_late, weights_of(e[late], s[late]), self.misalignment_sd)

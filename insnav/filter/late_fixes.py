@@ -74,7 +74,7 @@ class LateFixes:
         # leave out impossible positions: a position wrong by 100 km would dominate
         good &= (pass_quality(gates, gps) & ~impossible(gates, gps))[row_of_fix]
         good &= (time > time[0] + EDGE) & (time < time[-1] - EDGE)
-        fixes, seen, self._rows = gps.rows(row_of_fix[good]), time[good], np.flatnonzero(good)
+        fixes, fix_epochs, self._rows = gps.rows(row_of_fix[good]), time[good], np.flatnonzero(good)
         velocity = good & np.isfinite(gps.v_n[row_of_fix]).all(axis=1)
         self._kind = np.where(velocity, POSITION + VELOCITY, np.where(good, POSITION, COAST))
         length = np.clip((time[-1] - time[0]) / BLOCKS, *BLOCK)
@@ -114,12 +114,12 @@ class LateFixes:
         track = in_motion.history(parts, begin, float(parts.end[-1]), rph, bias, gps.lla[0, 0])
         u, c = track.u_n, dcm_from_quat(track.q_nb).reshape(-1, 9)
         self._track = track.time, np.hstack([u, track.way, c])
-        here = strapdown.between(*self._track, seen)[1]
-        back = np.swapaxes(here[:, 6:].reshape(-1, 3, 3), 1, 2)
+        local = strapdown.between(*self._track, fix_epochs)[1]
+        back = np.swapaxes(local[:, 6:].reshape(-1, 3, 3), 1, 2)
         turn = (np.eye(3) - skew(fed[good, 6:9])) @ dcm_from_quat(x[:, 6:]) @ back
-        off, away = ned_offset(x[:, :3], fixes.lla) + fed[good, :3], seen - time[0] - self.half
+        error, away = ned_offset(x[:, :3], fixes.lla) + fed[good, :3], fix_epochs - time[0] - self.half
         self._seen = _Seen(
-            seen, away, fixes.v_n, off, v, lever, shaken, lasting, epochs[good, CORRECTION:ARM], here, turn
+            fix_epochs, away, fixes.v_n, error, v, lever, shaken, lasting, epochs[good, CORRECTION:ARM], local, turn
         )
         self._start = first_state(ready.initial, receiver).covariance
         self._start[:NAV, :NAV] += np.diag(np.repeat(OPEN_START, 3) ** 2)
@@ -146,12 +146,12 @@ class LateFixes:
 
     def _since(self, span: FloatArray) -> _Since:
         """Integrate specific force over `span` (k,) [s] from the epochs: velocity, position, and final ``C_nb``."""
-        seen, s = self._seen, span[:, None]
-        there = strapdown.between(*self._track, seen.time + span)[1]
-        v, p = there[:, :3] - seen.here[:, :3], there[:, 3:6] - seen.here[:, 3:6] - seen.here[:, :3] * s
-        c = seen.turn @ there[:, 6:].reshape(-1, 3, 3)
-        push = _times(c, seen.bias[:, 3:6])
-        return _times(seen.turn, v) - push * s, _times(seen.turn, p) - 0.5 * push * s**2, c
+        fixes, s = self._seen, span[:, None]
+        end = strapdown.between(*self._track, fixes.time + span)[1]
+        v, p = end[:, :3] - fixes.here[:, :3], end[:, 3:6] - fixes.here[:, 3:6] - fixes.here[:, :3] * s
+        c = fixes.turn @ end[:, 6:].reshape(-1, 3, 3)
+        push = _times(c, fixes.bias[:, 3:6])
+        return _times(fixes.turn, v) - push * s, _times(fixes.turn, p) - 0.5 * push * s**2, c
 
     def costs(self, delays: FloatArray, drift: FloatArray | float = 0.0, lag: FloatArray | None = None) -> FloatArray:
         """Compute the negative log-likelihood of each part of the record for k cases, (k, blocks).
@@ -160,8 +160,8 @@ class LateFixes:
         positions [s], by default the lag of the receiver. Each is (k,) or a single value.
         """
         cases = np.broadcast(delays, drift, self.lag if lag is None else lag)
-        every = [costs_of(*self.innovations(*each)) for each in cases]
-        return np.array([np.bincount(self._block, each) for each in every])
+        cost_of_cases = [costs_of(*self.innovations(*each)) for each in cases]
+        return np.array([np.bincount(self._block, each) for each in cost_of_cases])
 
     def mean_costs(self, delays: FloatArray, drifts: FloatArray, lags: FloatArray) -> FloatArray:
         """Compute the mean cost per measured value, (k,); see `costs`."""
@@ -203,29 +203,29 @@ class LateFixes:
 
     def measured(self, delay: FloatArray | float, drift: float, lag: float) -> tuple[FloatArray, FloatArray]:
         """Compute predicted minus measured (m, 6) and derivatives (m, 6, n) of all rows, valid until the next call."""
-        at, seen, rows = self._at, self._seen, self._rows
-        span = -(delay + drift * seen.away)
+        index, fixes, rows = self._at, self._seen, self._rows
+        span = -(delay + drift * fixes.away)
         since = v, p, c = self._since(span)
-        arm, s = _times(c, seen.lever), span[:, None]
+        arm, s = _times(c, fixes.lever), span[:, None]
         # `s`: time from epoch to fix [s]. `v`, `p`: motion in it by specific force. See `insnav.kernels.measurements`
         z, h = self._z, self._h
-        z[rows, :3] = seen.off + seen.v * s + p + 0.5 * self._gravity * s**2 + arm + seen.lasting[:, :3]
+        z[rows, :3] = fixes.off + fixes.v * s + p + 0.5 * self._gravity * s**2 + arm + fixes.lasting[:, :3]
         h[rows, :3, 3:6] = s[..., None] * np.eye(3)
         h[rows, :3, 6:9], h[rows, :3, 12:15] = skew(p + arm), -0.5 * s[..., None] ** 2 * c
-        if at.lever >= 0:
-            h[rows, :3, at.lever : at.lever + 3] = c
+        if index.lever >= 0:
+            h[rows, :3, index.lever : index.lever + 3] = c
         if self.velocities:
             late = span - lag
-            each = [self._measured_at(span - by * lag, lag, since if lag == 0.0 else None) for by in self.moments]
-            v, q_c, by_lever, by_shaken = (np.mean(of, axis=0) for of in zip(*each, strict=True))
-            swing = _times(by_lever, seen.lever) + _times(by_shaken, seen.shaken)
+            instants = [self._measured_at(span - by * lag, lag, since if lag == 0.0 else None) for by in self.moments]
+            v, q_c, by_lever, by_shaken = (np.mean(of, axis=0) for of in zip(*instants, strict=True))
+            swing = _times(by_lever, fixes.lever) + _times(by_shaken, fixes.shaken)
             gained = self._gravity * late[:, None]
-            z[rows, 3:] = np.nan_to_num(seen.v + v + gained + swing - seen.v_n) + seen.lasting[:, 3:]
+            z[rows, 3:] = np.nan_to_num(fixes.v + v + gained + swing - fixes.v_n) + fixes.lasting[:, 3:]
             h[rows, 3:, 6:9], h[rows, 3:, 12:15] = skew(v + swing), -q_c
-            if at.lever >= 0:
-                h[rows, 3:, at.lever : at.lever + 3] = by_lever
-            if at.shaken >= 0:
-                h[rows, 3:, at.shaken : at.shaken + 3] = by_shaken
+            if index.lever >= 0:
+                h[rows, 3:, index.lever : index.lever + 3] = by_lever
+            if index.shaken >= 0:
+                h[rows, 3:, index.shaken : index.shaken + 3] = by_shaken
         return z, h
 
     def _measured_at(self, late: FloatArray, lag: float, since: _Since | None) -> tuple[FloatArray, ...]:
@@ -237,17 +237,17 @@ class LateFixes:
         reach = max(0.5 * self._nominal, abs(lag) * (len(self.moments) - 1) / len(self.moments) ** 2)
         slow = max(abs(lag) if len(self.moments) > 1 else reach, SEEN)
         time, bias = self._seen.time + late, self._seen.bias[:, :3]
-        whole, rate = (rates_at(time, *self._samples, r) - bias for r in (reach, slow))
-        rate = rate if self._at.shaken >= 0 or len(self.moments) > 1 else whole
+        total, rate = (rates_at(time, *self._samples, r) - bias for r in (reach, slow))
+        rate = rate if self._at.shaken >= 0 or len(self.moments) > 1 else total
         by_lever = c @ skew(rate)
-        return v, late[:, None, None] * c, by_lever, c @ skew(whole - rate)
+        return v, late[:, None, None] * c, by_lever, c @ skew(total - rate)
 
     def innovations(self, delay: FloatArray | float, drift: float, lag: float) -> FloatArray:
         """Compute innovations and variances, (2, n), for delay at mid-record [s], its drift [s/s] and velocity lag [s].
 
         `delay`: one value, or one per fix.
         """
-        at, (z, h) = self._at, self.measured(delay, drift, lag)
+        index, (z, h) = self._at, self.measured(delay, drift, lag)
         (time, _, *before), decay = self._tape, self._model.decay
         correlated = self._correlated
         count = noise_likelihood.innovations(
@@ -255,11 +255,11 @@ class LateFixes:
             self._density,
             self._model.noise[6:18],
             decay,
-            at.correlated,
+            index.correlated,
             np.ones(3) if correlated is None else correlated.sds,
             np.ones(3) if correlated is None else correlated.times,
             self._variance,
-            (np.zeros(at.states), self._start),
+            (np.zeros(index.states), self._start),
             np.zeros((1, self._kind.size, NAV)),
             HUBER,
             self._out,

@@ -74,10 +74,10 @@ def navigate_recording(
     Raises: InputError: no fixes, or an initial state outside the record. AlignmentError: the data do not determine the
     attitude. DivergenceError: the filter lost consistency.
     """
-    ready, found = prepare(imu, gps, spec, receiver or Receiver(), known=known)
+    ready, findings = prepare(imu, gps, spec, receiver or Receiver(), known=known)
     output = output or Output()
-    every = replace(output, interval=dense(output.interval))
-    done = navigate_prepared(replace(ready, gates=gates, output=every), spec, aiding=aiding).report(found)
+    dense_output = replace(output, interval=dense(output.interval))
+    done = navigate_prepared(replace(ready, gates=gates, output=dense_output), spec, aiding=aiding).report(findings)
     return replace(done, run=thinned(done.run, output.interval))
 
 

@@ -78,8 +78,8 @@ class Navigator:
         n = self._estimate.at.states
         self._z, self._h, self._sd = np.zeros(6), np.zeros((6, n)), np.zeros(6)
         self._r, self._s = np.zeros((6, 6)), np.zeros((6, 6))
-        every = output.interval
-        self._grid = np.array([np.inf, every if every > 0.0 or not output.with_poses else -1.0, 0.0])
+        interval = output.interval
+        self._grid = np.array([np.inf, interval if interval > 0.0 or not output.with_poses else -1.0, 0.0])
         self._begin_grid(start.time)
         none = np.empty((0, 3))
         self._sensed, self._motion = (none, none, none, none), np.zeros(25)  # inputs of `felt`
@@ -104,9 +104,9 @@ class Navigator:
         delay, lag = self._receiver.delay.value, self._receiver.lag.value
         later = gps.time - delay > self._first + strapdown.TIME_TOLERANCE
         self._gps, self._fix, self._fix_time = gps, np.flatnonzero(later), gps.time[later] - delay
-        own = np.full(gps.time.shape[0], True) if gps.fix is None else gps.fix != gate.OF_REFERENCE
+        receiver_fix = np.full(gps.time.shape[0], True) if gps.fix is None else gps.fix != gate.OF_REFERENCE
         # age of the velocities [s]; a small lag is zero here, as linear states suffice for it
-        self._late = own[later] * (lag if abs(lag) > LAG_WORTH else 0.0)
+        self._late = receiver_fix[later] * (lag if abs(lag) > LAG_WORTH else 0.0)
         # first unprocessed fix
         done = max(self._done, self._start) + strapdown.TIME_TOLERANCE
         self._next = int(np.searchsorted(self._fix_time, done, side="right"))
@@ -148,16 +148,16 @@ class Navigator:
         output, span = self._ready.output, [begin, end + strapdown.TIME_TOLERANCE]
         cuts = [some[slice(*some.searchsorted(span))] for some in (self._fix_time[self._next :], output.epochs)]
         if output.point_b is not None:
-            every, poses = self._grid[1], cuts[1]
-            if every > 0.0 and not output.epochs.size:
-                poses = every * np.arange(np.floor(begin / every), np.ceil(end / every) + 1.0)
+            interval, poses = self._grid[1], cuts[1]
+            if interval > 0.0 and not output.epochs.size:
+                poses = interval * np.arange(np.floor(begin / interval), np.ceil(end / interval) + 1.0)
             cuts += poses, poses - 100.0 * strapdown.TIME_TOLERANCE
         return np.sort(np.concatenate([*cuts, [self._start]]))
 
     def _begin_grid(self, time: float) -> None:
         """Set the next output times: whole multiples of the output interval, and the additional output times."""
-        begin, every = time - strapdown.TIME_TOLERANCE, self._grid[1]
-        self._grid[0] = every * np.ceil(begin / every) if every > 0.0 else np.inf
+        begin, interval = time - strapdown.TIME_TOLERANCE, self._grid[1]
+        self._grid[0] = interval * np.ceil(begin / interval) if interval > 0.0 else np.inf
         self._grid[2] = np.searchsorted(self._ready.output.epochs, begin)
 
     def _close(self) -> None:
@@ -196,14 +196,14 @@ class Navigator:
     def delay(self) -> tuple[float, float]:
         """Current estimate of the delay of the fixes beyond the specified delay, and its sd [s]."""
         estimate = self._estimate
-        at = max(estimate.at.delay, 0)
-        return estimate.delay, float(np.sqrt(estimate.covariance[at, at])) if estimate.at.delay >= 0 else np.inf
+        index = max(estimate.at.delay, 0)
+        return estimate.delay, float(np.sqrt(estimate.covariance[index, index])) if estimate.at.delay >= 0 else np.inf
 
     def levers(self) -> tuple[FloatArray, FloatArray]:
         """Return lever arm minus specified arm, vibration arm minus lever arm: (2, 3) [m], covariances (2, 3, 3)."""
-        estimate, at = self._estimate, self._estimate.at
-        mapping = np.zeros((2, 3, at.states))
-        for row, first, sign in ((0, at.lever, 1.0), (1, at.shaken, 1.0), (1, at.lever, -1.0)):
+        estimate, index = self._estimate, self._estimate.at
+        mapping = np.zeros((2, 3, index.states))
+        for row, first, sign in ((0, index.lever, 1.0), (1, index.shaken, 1.0), (1, index.lever, -1.0)):
             if first >= 0:
                 mapping[row, :, first : first + 3] = sign * np.eye(3)
         arms = np.array([estimate.lever - self._receiver.lever_arm.value, estimate.shaken - estimate.lever])
@@ -277,14 +277,14 @@ class Navigator:
         k = int(inc.time.searchsorted(self._start + strapdown.TIME_TOLERANCE))
         # index of the piece that ends at each fix
         fixes, before = self._fix_time[self._next :], self._next
-        at = inc.time.searchsorted(fixes - strapdown.TIME_TOLERANCE)
-        at = at[at < inc.time.shape[0]]
+        pieces_at_fix = inc.time.searchsorted(fixes - strapdown.TIME_TOLERANCE)
+        pieces_at_fix = pieces_at_fix[pieces_at_fix < inc.time.shape[0]]
         rows = 3 + int((inc.time[-1] - inc.time[0]) / self._grid[1]) if self._grid[1] > 0.0 else inc.time.shape[0]
         wanted = self._ready.output.epochs
         rows += int(wanted.searchsorted(inc.time[-1] + 1.0)) - int(self._grid[2])
         out = self._record.reserve(rows, self._grid, wanted)
         samples = Samples(inc.time, inc.dt, inc.dtheta, inc.dvel, inc.coning, inc.sculling, gap)
-        for i in at:
+        for i in pieces_at_fix:
             k = self._run(samples, k, int(i) + 1, True, out)
             self._update(inc.time[i], self._next - before)
             row = int(self._fix[self._next])
@@ -313,9 +313,9 @@ class Navigator:
         """Process the fix at `time` [s]. `number`: its row in the rates of `_sense`."""
         estimate = self._estimate
         estimate.predict(time)
-        late, at = self._late[self._next], estimate.at
+        late, index = self._late[self._next], estimate.at
         still = stays(self._ready.alignment, time)  # treat all rotation as noise
-        felt(estimate.all, *self._sensed, number, late, at.has_arm, still, self._motion)
+        felt(estimate.all, *self._sensed, number, late, index.has_arm, still, self._motion)
         row = self._fix[self._next]
         z, h, r = self._z, self._h, self._r
         nis_position, nis_velocity, distance, change = self._assess(row)
@@ -486,8 +486,8 @@ class AidingUpdates:
 
     def at_fix(self, time: float) -> None:
         """Apply the measurements that come with a fix, such as its heading."""
-        for each in self._with_fixes:
-            self._use(each, self._view(time, time, np.zeros(3)))
+        for measurement in self._with_fixes:
+            self._use(measurement, self._view(time, time, np.zeros(3)))
 
     def at_epoch(self, time: float) -> None:
         """Apply all other aiding measurements, at most once per `INTERVAL`."""
@@ -496,10 +496,10 @@ class AidingUpdates:
         view = self._view(self._last, time, self._turned[:3] / self._turned[3])
         self._turned[:] = 0.0
         self._last = time
-        seen: set[str] = set()
-        for each in self._every:
-            if not each.excluded_by & seen and self._use(each, view):
-                seen.add(each.name)
+        applied: set[str] = set()
+        for measurement in self._every:
+            if not measurement.excluded_by & applied and self._use(measurement, view):
+                applied.add(measurement.name)
 
     def _view(self, begin: float, time: float, mean_gyro: FloatArray) -> FilterView:
         at = self._estimate

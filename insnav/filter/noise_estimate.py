@@ -48,9 +48,9 @@ def errors_of_axes(
 
     def between(values: FloatArray) -> FloatArray:
         """Integrate a triad from epoch to epoch, (m, 3)."""
-        whole = np.cumsum(values * parts.dt[:, None] if parts.instant else values, axis=0)
-        at = np.column_stack([np.interp(time, edges, np.concatenate([[0.0], column])) for column in whole.T])
-        return np.diff(at, axis=0, prepend=at[:1])
+        integral = np.cumsum(values * parts.dt[:, None] if parts.instant else values, axis=0)
+        at_epochs = np.column_stack([np.interp(time, edges, np.concatenate([[0.0], column])) for column in integral.T])
+        return np.diff(at_epochs, axis=0, prepend=at_epochs[:1])
 
     turned, gained = between(parts.gyro), between(parts.accel)
     # Remove the mean specific force: gravity times a misalignment is an accelerometer bias, which the filter estimates
@@ -90,8 +90,8 @@ def informed(
     scale = np.where(sd > 0.0, sd, 1.0)
     by = by * scale[:, None]
     fisher, slope = (by * weight) @ by.T, -(by * weight) @ innovation
-    rest = weight * (innovation + np.linalg.solve(fisher + np.eye(sd.size), slope) @ by)
-    parts = np.array([by[:, part] @ rest[part] for part in np.array_split(np.arange(rest.size), BLOCKS)])
+    residual = weight * (innovation + np.linalg.solve(fisher + np.eye(sd.size), slope) @ by)
+    parts = np.array([by[:, part] @ residual[part] for part in np.array_split(np.arange(residual.size), BLOCKS)])
     scatter = BLOCKS * np.var(parts, axis=0, ddof=1) / np.maximum(np.diag(fisher), 1e-9)
     factor = 1.0 / np.sqrt(np.where(scatter > BY_CHANCE, scatter, 1.0))
     if (factor < 1.0).any():
@@ -199,9 +199,9 @@ def after_rest(alignment: Alignment, assumed: ImuSpec, estimated: ImuSpec) -> Al
     """
     if alignment.static is None or alignment.static[1] - alignment.static[0] >= LONG_REST:
         return alignment
-    was, now = assumed.gyro.bias_instability, estimated.gyro.bias_instability
-    less = was**2 - np.minimum(was, now) ** 2
-    return replace(alignment, gyro_bias_sd=np.sqrt(np.maximum(alignment.gyro_bias_sd**2 - less, 0.0)))
+    before, after = assumed.gyro.bias_instability, estimated.gyro.bias_instability
+    reduction = before**2 - np.minimum(before, after) ** 2
+    return replace(alignment, gyro_bias_sd=np.sqrt(np.maximum(alignment.gyro_bias_sd**2 - reduction, 0.0)))
 
 
 def start_by(initial: InitialState, alignment: Alignment, model: ErrorModel, factor: FloatArray) -> InitialState:

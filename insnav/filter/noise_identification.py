@@ -120,8 +120,8 @@ class Posterior:
 
     def _before(self, at: FloatArray) -> float:
         """Compute the cost of a parameter set by the prior alone."""
-        off = np.where(np.isfinite(at), at - self.middle, 0.0)
-        return 0.5 * float(np.sum(self.weight(at) * off**2)) + sum(drive.bias_seen(at) for drive in self.drives)
+        deviation = np.where(np.isfinite(at), at - self.middle, 0.0)
+        return 0.5 * float(np.sum(self.weight(at) * deviation**2)) + sum(drive.bias_seen(at) for drive in self.drives)
 
     def climb(self, at: FloatArray, settled: float = ENOUGH) -> tuple[FloatArray, FloatArray, _Seen]:
         """Find a maximum of the posterior density by damped Fisher scoring, with covariance and innovations.
@@ -356,11 +356,11 @@ def unlike(drives: Sequence[InnovationLikelihood], noise: DriveNoise) -> list[li
     for drive in drives:
         one = drive if len(drive.parameters) == shared.size else drive.with_correlated_velocities()
         of_imu = np.array([not p.key.startswith("gps.") and not p.key.endswith("misalignment") for p in one.parameters])
-        at, covariance, _ = Posterior([one]).climb(shared)
-        gain, sd = _cost(one, np.where(of_imu, shared, at)) - _cost(one, at), np.sqrt(np.diag(covariance))
-        off = of_imu & (np.abs(at - shared) > np.maximum(np.log(UNLIKE), UNLIKE_SD * sd))
-        differing |= off & (2.0 * gain > chi2_limit(int(of_imu.sum()), CHANCE))
-        values = at[:, None] + np.outer(sd, [0.0, *INTERVAL])
+        own_top, covariance, _ = Posterior([one]).climb(shared)
+        gain, sd = _cost(one, np.where(of_imu, shared, own_top)) - _cost(one, own_top), np.sqrt(np.diag(covariance))
+        differs = of_imu & (np.abs(own_top - shared) > np.maximum(np.log(UNLIKE), UNLIKE_SD * sd))
+        differing |= differs & (2.0 * gain > chi2_limit(int(of_imu.sum()), CHANCE))
+        values = own_top[:, None] + np.outer(sd, [0.0, *INTERVAL])
         figures.append([_figure(p, x, drive.prior) for p, x in zip(one.parameters, values, strict=True)])
     return [[each[i] for each in figures] for i in np.flatnonzero(differing)]
 
@@ -405,12 +405,12 @@ def known_likelihood(ready: FilterInput, spec: ImuSpec) -> tuple[InnovationLikel
     drive = _likelihood(ready, spec)
     if drive is None:
         return None
-    at, correlated = np.array([p.middle for p in drive.parameters]), ready.receiver.correlated
-    at[-2] = -np.inf
+    parameters, correlated = np.array([p.middle for p in drive.parameters]), ready.receiver.correlated
+    parameters[-2] = -np.inf
     if correlated is not None:
         part = min(correlated.share / drive.parameters[-2].most, likelihood.ALL)
-        at[-2:] = np.log([part / (1.0 - part), correlated.time])
-    return drive, at
+        parameters[-2:] = np.log([part / (1.0 - part), correlated.time])
+    return drive, parameters
 
 
 def _likelihood(ready: FilterInput, spec: ImuSpec) -> InnovationLikelihood | None:
@@ -463,9 +463,9 @@ def with_usual_noise(ready: FilterInput) -> tuple[FilterInput, tuple[Finding, ..
     if ready.receiver.correlated is not None:
         return ready, ()
     time, share = usual_time(), 1.0 / (1.0 + np.exp(-likelihood.SHARE[0]))
-    usual = CorrelatedNoise.of_fixes(share, time, ready.gps.position_sd)
+    noise = CorrelatedNoise.of_fixes(share, time, ready.gps.position_sd)
     note = Finding.of(Code.ESTIMATE_CORRELATED_USUAL, share=share, time_s=time)
-    return ready.replace_correlated(usual), (note,)
+    return ready.replace_correlated(noise), (note,)
 
 
 def with_known_noise(
@@ -478,15 +478,15 @@ def with_known_noise(
     """
     lasting &= sizes or ready.receiver.correlated is None
     needed = lasting or ready.model.axes_sd.any()
-    known = known_likelihood(ready.beginning(ENOUGH_FOR_AXES), spec) if needed else None
-    if known is None:
+    likelihood_and_values = known_likelihood(ready.beginning(ENOUGH_FOR_AXES), spec) if needed else None
+    if likelihood_and_values is None:
         return ready, ()
-    drive, at, turned = *known, tuple[Finding, ...]()
+    drive, values, turned = *likelihood_and_values, tuple[Finding, ...]()
     if ready.model.axes_sd.any():
         with suppress(DivergenceError):
-            ready, turned = _with_axes(ready, misalignments([drive], at, 0.0)[0])
+            ready, turned = _with_axes(ready, misalignments([drive], values, 0.0)[0])
     if not lasting:
-        return ready, (*turned, *_too_small(ready, *drive.normalised(at)[:2]))
+        return ready, (*turned, *_too_small(ready, *drive.normalised(values)[:2]))
     faults: tuple[Finding, ...] = ()
     for velocities in (False, True):  # if innovations are too large, estimate velocity sds, too
         posterior = Posterior([drive.of_fixes(positions=sizes, velocities=velocities)])
@@ -498,8 +498,8 @@ def with_known_noise(
     position, velocity, correlated = posterior.drives[0].fixes_of(plausible[0])
     ready = ready.scale_sds(ready.model, position, velocity)
     estimates = [_figure(p, x, spec) for p, x in zip(posterior.parameters, plausible.T, strict=True)]
-    more = *_report_factor(Code.ESTIMATE_POSITION_SD, position), _report_correlated(correlated, estimates)
-    return ready.replace_correlated(correlated), (*turned, *faults, *more)
+    reports = *_report_factor(Code.ESTIMATE_POSITION_SD, position), _report_correlated(correlated, estimates)
+    return ready.replace_correlated(correlated), (*turned, *faults, *reports)
 
 
 def _too_small(ready: FilterInput, innovation: FloatArray, variance: FloatArray) -> tuple[Finding, ...]:
@@ -530,13 +530,13 @@ def understated(found: NoiseEstimate | None, read: GpsData, begin: float) -> tup
     """
     if found is None or not np.isfinite(read.position_sd).all():
         return ()
-    sure = {each.key for each in found.figures if each.low >= UNDERSTATED}
+    significant = {each.key for each in found.figures if each.low >= UNDERSTATED}
     level, height = float(found.position_factor[:2].max()), float(found.position_factor[2])
-    known = bool({"gps.velocity", "gps.vertical_velocity"} & sure) and np.isfinite(read.velocity_sd).all()
+    velocities = bool({"gps.velocity", "gps.vertical_velocity"} & significant) and np.isfinite(read.velocity_sd).all()
     factors: dict[str, Any] = {
-        "position_factor": level * ("gps.horizontal" in sure),
-        "height_factor": height * ("gps.vertical" in sure),
-        "velocity_factor": float(found.velocity_factor.max()) * known,
+        "position_factor": level * ("gps.horizontal" in significant),
+        "height_factor": height * ("gps.vertical" in significant),
+        "velocity_factor": float(found.velocity_factor.max()) * velocities,
     }
     if not (large := {name: factor for name, factor in factors.items() if factor > 0.0}):
         return ()

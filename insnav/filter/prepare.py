@@ -86,7 +86,7 @@ def prepare(
     reported = bool(np.isfinite(gps.position_sd).all())
     gps, notes = with_sd(gps)
     gps, frozen = without_frozen(gps, imu)
-    receiver, found = (receiver, []) if as_given else _noise_of_fixes(imu, gps, receiver, reported=reported)
+    receiver, findings = (receiver, []) if as_given else _noise_of_fixes(imu, gps, receiver, reported=reported)
     model = error_model(spec, states)
     nominal = nominal or strapdown.nominal_interval(imu.time)
     good = good_fixes(replace(gps, time=gps.time - receiver.delay.value)) if start is None else gps
@@ -99,10 +99,10 @@ def prepare(
         if start is not None and first:
             return _as_given(start, model)
         inside = static_span is not None and some.time[0] - nominal <= static_span[0] < some.time[-1]
-        seen = fixes = _resting(some, here)
-        intervals = strapdown.intervals(_first_part(some, seen), nominal)
-        for left in reversed(range(ROUNDS if receiver.lever_arm.value.any() else 1)):
-            found = align(
+        raw_fixes = fixes = _resting(some, here)
+        intervals = strapdown.intervals(_first_part(some, raw_fixes), nominal)
+        for remaining in reversed(range(ROUNDS if receiver.lever_arm.value.any() else 1)):
+            findings = align(
                 intervals,
                 spec,
                 fixes,
@@ -111,9 +111,9 @@ def prepare(
                 yaw=known.mounting_yaw,
                 lever_sd=receiver.lever_arm.sd,
             )
-            if left:  # in a turn, the course of the antenna differs from the course of the IMU
-                fixes = motion.at_imu(seen, intervals, found, receiver.lever_arm.value)
-        return found, _at_fix(found, intervals, here, model, receiver)
+            if remaining:  # in a turn, the course of the antenna differs from the course of the IMU
+                fixes = motion.at_imu(raw_fixes, intervals, findings, receiver.lever_arm.value)
+        return findings, _at_fix(findings, intervals, here, model, receiver)
 
     imu, parts, of_parts = _parts(imu, good, aligned, -np.inf if start is None else start.time)
     alignment, initial = parts[0].alignment, parts[0].initial
@@ -125,7 +125,7 @@ def prepare(
         notes = (*notes, Finding.of(Code.ALIGN_LATE, begin, initial.time, duration_s=initial.time - begin))
     rounding = () if as_given else rounding_changes(imu)
     ready = FilterInput(imu, gps, model, parts, nominal, receiver, rounding=rounding)
-    return ready, (*notes, *found, *faults, *frozen, *of_parts[1:])
+    return ready, (*notes, *findings, *faults, *frozen, *of_parts[1:])
 
 
 def align_again(ready: FilterInput, alignment: Alignment) -> FilterInput:

@@ -95,8 +95,8 @@ class Record:
         estimate: Estimate,
     ) -> None:
         """Store the innovation of a fix, as predicted minus measured, and the state after it."""
-        row, at = self._fixes[self._count], estimate
-        epoch.note_fix(row, time, predicted, sd, *nis, *use, at.all, at.doubt, at.covariance)
+        row, state = self._fixes[self._count], estimate
+        epoch.note_fix(row, time, predicted, sd, *nis, *use, state.all, state.doubt, state.covariance)
         self._count += 1
 
     def misfit(self) -> tuple[float, float]:
@@ -129,10 +129,10 @@ class Record:
         """
         clock, delay_sd, axes_sd = common
         (rows, known_count), begin, first = np.sum([room.used for room in self._rooms], axis=0).tolist(), 0, 0
-        time, known = spill.empty((rows,)), spill.empty((known_count,), np.int64)
+        time, known_index = spill.empty((rows,)), spill.empty((known_count,), np.int64)
         lla, v_n, rph = (spill.empty((rows, 3)) for _ in range(3))
         rates = spill.empty((0 if self._rate_sd is None else rows, 3))
-        sd, found = spill.empty((rows, NAV)), spill.empty((known_count, NAV + 3))
+        sd, variances = spill.empty((rows, NAV)), spill.empty((known_count, NAV + 3))
         opposite, adjacent = np.empty((2, ROWS, 3))
         for number in range(len(self._rooms)):
             room = self._rooms.pop(0) if last else self._rooms[number]
@@ -140,25 +140,25 @@ class Record:
                 now, state, count = room.time[block], room.state[block].copy(), block.stop - block.start
                 change(now, state)
                 known_rows = slice(*np.searchsorted(room.known[: room.used[1]], [block.start, block.stop]))
-                at = room.known[known_rows] - block.start
+                moved_rows = room.known[known_rows] - block.start
                 to = np.where(np.isnan(room.aim[block]), now + clock, room.aim[block])
-                move_by_motion(state, at, room.motion[known_rows], (to - now - clock)[at])
+                move_by_motion(state, moved_rows, room.motion[known_rows], (to - now - clock)[moved_rows])
                 part, begin = slice(begin, begin + count), begin + count
                 sides(state, opposite, adjacent)
                 np.arctan2(opposite[:count], adjacent[:count], out=rph[part])
                 time[part], lla[part], v_n[part] = to, state[:, :3], state[:, 3:6]
                 if rates.size:
-                    rates[part][at] = room.motion[known_rows, :3]
-                between = _between(now[at], epochs, *variance)
-                add_moved(state, at, room.motion[known_rows], delay_sd, between)
-                part, first = slice(first, first + len(at)), first + len(at)
-                known[part], found[part] = at + begin - count, between
+                    rates[part][moved_rows] = room.motion[known_rows, :3]
+                between = _between(now[moved_rows], epochs, *variance)
+                add_moved(state, moved_rows, room.motion[known_rows], delay_sd, between)
+                part, first = slice(first, first + len(moved_rows)), first + len(moved_rows)
+                known_index[part], variances[part] = moved_rows + begin - count, between
         for block in spill.blocks(known_count, size=max(ROWS * known_count // max(rows, 1), 1)):
             # interpolation needs the known rows on both sides
             before = slice(max(block.start - 1, 0), block.stop)
-            first = int(known[before.start]) if before.start else 0
-            part = slice(first, int(known[block.stop - 1]) + 1 if block.stop < known_count else None)
-            deviations(time[part], known[before] - first, found[before], axes_sd, rph[part], sd[part])
+            first = int(known_index[before.start]) if before.start else 0
+            part = slice(first, int(known_index[block.stop - 1]) + 1 if block.stop < known_count else None)
+            deviations(time[part], known_index[before] - first, variances[before], axes_sd, rph[part], sd[part])
         return Trajectory(time, lla, v_n, rph, sd), rates
 
     def finish(
@@ -171,7 +171,7 @@ class Record:
         found: SmoothedErrors | None,
     ) -> Run:
         """Convert the record to a `Run`. `covariance`: as reported. `alone`: of the filter."""
-        at, output, fixes = layout(ready.receiver), ready.output, self._fixes[: self._count]
+        index, output, fixes = layout(ready.receiver), ready.output, self._fixes[: self._count]
         time, state = fixes[:, epoch.FIX_TIME].copy(), fixes[:, epoch.FIX_STATE].copy()
         fix_covariance = fixes[:, epoch.FIX_COVARIANCE].reshape(-1, NAV, NAV)
         if np.ptp(self._epochs[: self._epoch, 0]) == 0.0:
@@ -183,7 +183,7 @@ class Record:
         self._events += _divergence(innovations, ready.gates.nis_limit)
         # an estimated delay shifts the samples: GPS time is more accurate
         clock = delay if ready.receiver.delay.sd > 0 else 0.0
-        delay_sd = float(np.sqrt(covariance[STATES, STATES])) if at.delay >= 0 else 0.0
+        delay_sd = float(np.sqrt(covariance[STATES, STATES])) if index.delay >= 0 else 0.0
         if clock != 0.0:  # at each fix, the state was shifted by the delay estimated at that time
             move_along(state, clock - fixes[:, epoch.FIX_DELAY])
         epochs, self._epochs = np.asfortranarray(self._epochs[: self._epoch]), self._epochs[:0]
@@ -231,8 +231,8 @@ class Record:
             gps_delay_sd=delay_sd,
             smoothed=smoothed,
             lever_b=lever_b.copy(),
-            lever_sd=_of_lever(at, covariance),
-            lever_sd_alone=_of_lever(at, alone),
+            lever_sd=_of_lever(index, covariance),
+            lever_sd_alone=_of_lever(index, alone),
             aiding=tuple(_aiding_use(*what, np.array(rows)) for what, rows in sorted(self._aiding.items())),
         )
 

@@ -131,8 +131,8 @@ def _place(
         return
     c = dcm_from_quat(head[:, kernel.STATE + 6 : kernel.CORRECTION])
     arm_error = np.einsum("kij,kj->ki", c, arm_errors[:-1])
-    for error, each in ((before, slice(0, -1)), (after, slice(1, None))):
-        error[:, :3] += np.cross(arm_error, error[:, 6:9]) - np.einsum("kij,kj->ki", turned[each], arm_errors[each])
+    for error, part in ((before, slice(0, -1)), (after, slice(1, None))):
+        error[:, :3] += np.cross(arm_error, error[:, 6:9]) - np.einsum("kij,kj->ki", turned[part], arm_errors[part])
     mapping = np.tile(np.eye(NAV), (len(arm_error), 1, 1))
     mapping[:, :3, 6:] = skew(arm_error)
     covariance[:] = mapping @ covariance @ np.swapaxes(mapping, 1, 2)

@@ -38,8 +38,8 @@ def align(recording: Recording, model: Model) -> tuple[Recording, Model, tuple[F
         raise ConfigError("align.bad_states", where="--states", value=model.task.states)
     if recording.fixes is None:
         imu = Path(recording.imu.facts.path)
-        beside = ", ".join(files_with("gps", imu.parent)) if imu.is_file() else ""
-        raise ConfigError("align.no_position", where="--gps", imu=imu.name if beside else "", beside=beside)
+        gps_files = ", ".join(files_with("gps", imu.parent)) if imu.is_file() else ""
+        raise ConfigError("align.no_position", where="--gps", imu=imu.name if gps_files else "", beside=gps_files)
     given = recording.inputs.get("heading")
     aligned = _on_time(recording, model, given)
     if not as_given(recording.inputs):
@@ -47,8 +47,8 @@ def align(recording: Recording, model: Model) -> tuple[Recording, Model, tuple[F
             aligned, model = with_right_delay(aligned, recording, model, given)
         tested, arm = model, model.receiver.lever_arm
         if arm.source == "given" and not arm.sd:  # test a specified arm, unless gyro noise spoils the estimate
-            run, off, limit = lever_off(aligned.ready, arm.value)
-            if (off > limit).any() and pretended(aligned.ready, run) <= PRETENDED:
+            run, difference, limit = lever_off(aligned.ready, arm.value)
+            if (difference > limit).any() and pretended(aligned.ready, run) <= PRETENDED:
                 tested = replace(model, receiver=model.receiver.forget_lever_arm())
                 aligned = _on_time(recording, tested, given)
         if given is not None:

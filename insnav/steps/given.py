@@ -137,7 +137,7 @@ def read_start(path: Path) -> Start:
     except (OSError, ValueError, RecursionError) as error:
         raise InputError("input.unreadable_start", where=str(path), reason=str(error)) from error
     values: dict[str, FloatArray] = {}
-    wrong = []
+    invalid = []
     for key, length in _START_KEYS.items():
         try:
             value = np.asarray(content[key], dtype=float)
@@ -145,10 +145,10 @@ def read_start(path: Path) -> Start:
             value = np.array(np.nan)
         good = value.shape == ((length,) if length else ()) and np.isfinite(value).all()
         if not good or (key.startswith("sd_") and not (value > 0).all()):
-            wrong.append(key)
+            invalid.append(key)
         values[key] = value
-    if wrong:
-        raise InputError("input.incomplete_start", where=f"{path}: {', '.join(wrong)}")
+    if invalid:
+        raise InputError("input.incomplete_start", where=f"{path}: {', '.join(invalid)}")
     time, lat, lon, height, v_n, rph, place_sd, velocity_sd, attitude_sd = values.values()
     place = np.array([lat * DEG, lon * DEG, height])
     return Start(float(time), place, v_n, rph * DEG, place_sd, velocity_sd, attitude_sd * DEG)
@@ -217,7 +217,7 @@ def set_up_filter(
     def moved(time: Any) -> Any:
         return time + clock + rate * (time - begin)
 
-    ready, found = prepare(
+    ready, findings = prepare(
         replace(imu, time=spill.by_blocks(moved, imu.time)),
         recording.fixes,
         model.imu[0],
@@ -235,7 +235,7 @@ def set_up_filter(
         ready = ready.hold_height(height_sd)
     logs = tuple(replace(log.data, time=moved(log.data.time)) for log in recording.logs.values())
     ready = replace(ready, aiding=replace(ready.aiding, logs=logs))
-    return Aligned(ready, found, clock + 0.5 * rate * (end - begin), rate)
+    return Aligned(ready, findings, clock + 0.5 * rate * (end - begin), rate)
 
 
 def stationary_part(imu: ImuData, fixes: GpsData | None, inputs: Inputs) -> tuple[float, float] | None:
@@ -251,9 +251,9 @@ WORDS = {"F": "forward", "B": "back", "R": "right", "L": "left", "D": "down", "U
 
 def refuse_unlike_gyros(imu: Reading[ImuData], fixes: GpsData) -> None:
     """Refuse gyros in another order than the accelerometers, or one gyro in another unit."""
-    found = mounting_of(imu, fixes)
-    if found is not None and not np.array_equal(np.abs(found.gyros), AS_IS):
-        raise refusal(found, imu.facts)
+    mounting = mounting_of(imu, fixes)
+    if mounting is not None and not np.array_equal(np.abs(mounting.gyros), AS_IS):
+        raise refusal(mounting, imu.facts)
 
 
 def accel_reversed(imu: Reading[ImuData], fixes: GpsData, mounting: Mounting | None) -> Finding | None:
@@ -303,17 +303,17 @@ def refusal(mounting: Mounting, facts: ReadingFacts) -> InputError:
         return InputError("mounting.gyro_unit_odd", where=where, windows=windows, **values)
     accel, gyro = mounting.corrections
     points = tuple(WORDS[letter] for letter in mounting.letters)
-    wrong, as_is = tuple("xyz"[axis] for axis in range(3) if accel[axis, axis] < 0.0), np.array_equal(gyro, np.eye(3))
+    axes, as_is = tuple("xyz"[axis] for axis in range(3) if accel[axis, axis] < 0.0), np.array_equal(gyro, np.eye(3))
     if np.array_equal(accel, np.eye(3)):
-        wrong = tuple("xyz"[axis] for axis in range(3) if gyro[axis, axis] < 0.0)
+        axes = tuple("xyz"[axis] for axis in range(3) if gyro[axis, axis] < 0.0)
         if np.count_nonzero(np.diag(gyro)) == 3:
-            return InputError("mounting.gyros_wrong_way", where=where, axes=wrong, windows=windows)
+            return InputError("mounting.gyros_wrong_way", where=where, axes=axes, windows=windows)
         return InputError("mounting.gyro_order", where=where, windows=windows, **_in_order("gyro", gyro, facts))
-    if as_is and len(wrong) == 3:
+    if as_is and len(axes) == 3:
         gives = {"accel_sign": "minus-force"}
         return InputError("mounting.accelerometers_inverted", where=where, gives=gives, windows=windows)
     if as_is and np.count_nonzero(np.diag(accel)) == 3:
-        return InputError("mounting.accelerometer_inverted", where=where, axis=wrong[0], points=points, windows=windows)
+        return InputError("mounting.accelerometer_inverted", where=where, axis=axes[0], points=points, windows=windows)
     if as_is:
         return InputError("mounting.accel_order", where=where, windows=windows, **_in_order("accel", accel, facts))
     return InputError("mounting.left_handed", where=where, points=points, windows=windows)
@@ -322,8 +322,8 @@ def refusal(mounting: Mounting, facts: ReadingFacts) -> InputError:
 def _headers(keys: Mapping[str, str], facts: ReadingFacts | None) -> dict[str, str]:
     """Return, by key of `keys`, the file header of the column that was read as the value; empty if one is unknown."""
     columns = {} if facts is None else {name: text.split(" [")[0] for name, text in facts.columns.items()}
-    known = {key: [text for name, text in columns.items() if name.startswith(keys[key])] for key in keys}
-    return {key: texts[0] for key, texts in known.items()} if all(known.values()) else {}
+    headers = {key: [text for name, text in columns.items() if name.startswith(keys[key])] for key in keys}
+    return {key: texts[0] for key, texts in headers.items()} if all(headers.values()) else {}
 
 
 def _in_order(sensor: str, matrix: FloatArray, facts: ReadingFacts) -> dict[str, Any]:
@@ -336,6 +336,6 @@ def _in_order(sensor: str, matrix: FloatArray, facts: ReadingFacts) -> dict[str,
         for sizes, rows in zip(signed, (matrix, matrix.T), strict=True)
     )
     keys = {f"{sensor}_{axis}": f"{sensor}_{other}" for axis, other in zip("xyz", order, strict=True) if axis != other}
-    right = _headers(keys, facts)
-    hint: dict[str, Any] = {"columns": quote_columns(right), "gives": {"columns": right}} if right else {}
+    headers = _headers(keys, facts)
+    hint: dict[str, Any] = {"columns": quote_columns(headers), "gives": {"columns": headers}} if headers else {}
     return {"about": about, "order": order, "option": "--columns", "columns": "", **hint}

@@ -22,15 +22,15 @@ def lever_arm(recording: Recording, model: Model) -> tuple[Recording, Model, tup
     if arm.source != "given" or arm.sd or as_given(recording.inputs):
         return recording, model, ()
     if rejected := model.ready.receiver.lever_arm.sd > 0.0:  # the alignment, without known faults, rejected the arm
-        _, off, limit = lever_off(model.ready, arm.value)
-        if (off > limit).any():
+        _, difference, limit = lever_off(model.ready, arm.value)
+        if (difference > limit).any():
             return recording, model, ()
         given_arm = replace(model, receiver=replace(receiver, lever_arm=replace(arm, source="data")), ready=None)
         model = replace(run_steps(PREPARE, recording, given_arm)[1], receiver=receiver)
     given = model.ready
     assert given is not None
-    run, off, limit = lever_off(given, arm.value)
-    if not (off > limit).any():
+    run, difference, limit = lever_off(given, arm.value)
+    if not (difference > limit).any():
         checked = Finding.of(Code.ESTIMATE_LEVER_ARM_CHECKED, detectable_m=tuple(limit + MARGIN * run.lever_sd))
         return recording, model, (checked,)
     if not rejected:
@@ -41,7 +41,7 @@ def lever_arm(recording: Recording, model: Model) -> tuple[Recording, Model, tup
         run = looked(alternative.ready)  # with the other noise: a wrong arm makes the noise too large
         hidden = min(pretended(alternative.ready, run), 1.0) * np.abs(arm.value)
         if not (np.abs(run.lever_b - arm.value) > limit + hidden).any():
-            values: dict[str, Any] = {"difference_m": off.max(), "limit_m": limit.max()}
+            values: dict[str, Any] = {"difference_m": difference.max(), "limit_m": limit.max()}
             values |= {"given_m": tuple(arm.value), "estimate_m": tuple(run.lever_b)}
             kept = Finding.of(Code.GIVEN_LEVER_ARM_KEPT, given.initial.time, **values)
             return recording, model, (kept,)

@@ -51,9 +51,9 @@ def mounting(recording: Recording, model: Model) -> tuple[Recording, Model, tupl
     imu, yaw, findings = turn_to_vehicle(recording.imu, recording.fixes_by_scatter or fixes, inputs, recording.gps)
     recording, unknown = replace(recording, imu=imu), findings[-1:] == (X_FORWARD,)
     if unknown and fixes is not None and inputs.get("heading") is None and inputs.get("initial") is None:
-        imu, yaw, found = in_likely_axes(recording, model)
-        findings = (*findings[:-1], found) if imu is recording.imu else (found,)
-        recording, unknown = replace(recording, imu=imu), found is X_FORWARD
+        imu, yaw, finding = in_likely_axes(recording, model)
+        findings = (*findings[:-1], finding) if imu is recording.imu else (finding,)
+        recording, unknown = replace(recording, imu=imu), finding is X_FORWARD
     source: Source = "prior" if unknown else "data" if findings else "given"
     recording, headings = with_headings_turned(recording)
     return recording, replace(model, mounting_yaw=Estimate(yaw, 0.0, source)), (*findings, *headings)
@@ -73,8 +73,8 @@ def with_headings_turned(recording: Recording) -> tuple[Recording, tuple[Finding
         return recording, ()
     heading = (sense * fixes.heading - offset) % (2.0 * np.pi)
     code = Code.GPS_HEADING_COUNTER_CLOCKWISE if sense < 0.0 else Code.GPS_HEADING_OFFSET
-    found = Finding.of(code, subject="gps", offset_rad=offset, count=count)
-    return replace(recording, fixes=replace(fixes, heading=heading)), (found,)
+    finding = Finding.of(code, subject="gps", offset_rad=offset, count=count)
+    return replace(recording, fixes=replace(fixes, heading=heading)), (finding,)
 
 
 def turn_to_vehicle(
@@ -89,8 +89,8 @@ def turn_to_vehicle(
         refuse_exchanged(imu, gps, fixes, estimate)
     if inputs.get("accel_sign") is None and reverse is not None:
         turned = replace(data, accel=spill.by_blocks(np.negative, data.accel))
-        imu, yaw, more = turn_to_vehicle(replace(imu, data=turned), fixes, {**inputs, "accel_sign": "minus-force"})
-        return imu, yaw, (reverse, *more)
+        imu, yaw, findings = turn_to_vehicle(replace(imu, data=turned), fixes, {**inputs, "accel_sign": "minus-force"})
+        return imu, yaw, (reverse, *findings)
     given = inputs.get("axes")
     if estimate is None:
         from_file = bool(imu.facts.columns)  # a file, with unknown axes
@@ -118,12 +118,12 @@ def turn_to_vehicle(
         matrix, as_read = matrix @ turn.T, turn @ as_read
         imu, note = _turned(imu, turn, letters, Code.MOUNTING_ALONG_AXES, windows=windows)
         notes.append(note)
-    left = replace(estimate, to_vehicle=matrix)
-    yaw = float(left.angles[2])
-    if given is not None and left.letters != UPRIGHT:
+    remaining = replace(estimate, to_vehicle=matrix)
+    yaw = float(remaining.angles[2])
+    if given is not None and remaining.letters != UPRIGHT:
         values = {"yaw_rad": yaw, "windows": windows, "given": given, **_named(letters)}
-        wrong = Finding.of(Code.MOUNTING_CONTRADICTS_GIVEN, float(data.time[0]), subject="imu", **values)
-        imu = replace(imu, events=(*imu.events, wrong))
+        contradiction = Finding.of(Code.MOUNTING_CONTRADICTS_GIVEN, float(data.time[0]), subject="imu", **values)
+        imu = replace(imu, events=(*imu.events, contradiction))
     elif slanted or abs(yaw) > max(TURNED, 4.0 * estimate.sd):
         angles = replace(estimate, to_vehicle=matrix @ as_read).angles / DEG
         axes = ",".join(f"{angle + 0.0:.1f}" for angle in angles) * (not slanted or estimate.sd < CLEAR)

@@ -28,5 +28,5 @@ def navigate(recording: Recording, model: Model) -> tuple[Recording, Model, tupl
         ready, model.filter_imu, aiding=task.aiding, noise_source=source, widen=widen, progress=task.progress
     )
     run = replace(solved.run, gps_delay=solved.run.gps_delay + model.clock.value)
-    whole = replace(solved, run=run).report(model.findings)
-    return recording, replace(model, ready=ready, solved=whole), added(model.findings, solved.findings)
+    navigated = replace(solved, run=run).report(model.findings)
+    return recording, replace(model, ready=ready, solved=navigated), added(model.findings, solved.findings)

@@ -35,15 +35,15 @@ def _with_estimated_noise(
     if gps is None or wanted != "estimate":
         estimate_correlated = gps is not None and wanted == "fixes"
         reported = gps is None or bool(np.isfinite(gps.data.position_sd).all())
-        known, findings = with_known_noise(ready, spec, lasting=estimate_correlated, sizes=not reported)
+        prepared, findings = with_known_noise(ready, spec, lasting=estimate_correlated, sizes=not reported)
         if as_given(inputs):
             return ready, None, tuple(each for each in findings if each.timed)
-        return known, None, findings
+        return prepared, None, findings
     estimate = identify_noise(ready, spec, better_kinds(inputs, spec))
     if estimate is None:
         kept = Finding.of(Code.IMU_MODEL_KEPT, subject="imu", model=spec.name)
-        ready, usual = with_usual_noise(ready)
-        return ready, None, (kept, *usual)
+        ready, findings_usual = with_usual_noise(ready)
+        return ready, None, (kept, *findings_usual)
     ready, findings = with_noise(ready, estimate)
     return ready, estimate, findings
 

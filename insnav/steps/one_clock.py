@@ -44,9 +44,9 @@ def one_clock(recording: Recording, model: Model) -> tuple[Recording, Model, tup
         return recording if given is None else _moved(recording, given), model, ()
     offset, findings = given or 0.0, []
     if given is None and overlap(imu.data, gps.data) == 0.0:
-        known = epoch_offset(imu.data, gps.data)
-        if known is not None:
-            offset = known
+        epochs_offset = epoch_offset(imu.data, gps.data)
+        if epochs_offset is not None:
+            offset = epochs_offset
             findings.append(Finding.of(Code.CLOCK_EPOCHS, subject="imu", offset_s=offset))
     if offset:
         recording = _moved(recording, offset)
@@ -58,20 +58,20 @@ def one_clock(recording: Recording, model: Model) -> tuple[Recording, Model, tup
         _check_gyro_unit(imu, parts, fixes)
         if given is None:
             _check_radians(gps.facts.path, parts, fixes)
-    found = None if given is not None else clock_offset(parts, fixes, worth=WORTH)
+    estimate = None if given is not None else clock_offset(parts, fixes, worth=WORTH)
     # samples and fixes in one file belong to one drive, even if noise hides the common motion
     same_file = imu.facts.path == gps.facts.path and Path(imu.facts.path).is_file()
-    if isinstance(found, Unlike) and not disjoint and not same_file and mounting_of(imu, fixes) is None:
-        values: dict[str, Any] = {"where": f"{imu.facts.path}, {gps.facts.path}", "overlap_s": found.overlap}
-        if found.at_rest:
+    if isinstance(estimate, Unlike) and not disjoint and not same_file and mounting_of(imu, fixes) is None:
+        values: dict[str, Any] = {"where": f"{imu.facts.path}, {gps.facts.path}", "overlap_s": estimate.overlap}
+        if estimate.at_rest:
             raise InputError("clock.imu_at_rest", **values)
-        raise InputError("clock.two_drives", turns=found.turns, forces=found.accelerations, **values)
-    if isinstance(found, ClockOffset) and abs(found.offset) > max(WORTH, SIGMAS * found.sd):
+        raise InputError("clock.two_drives", turns=estimate.turns, forces=estimate.accelerations, **values)
+    if isinstance(estimate, ClockOffset) and abs(estimate.offset) > max(WORTH, SIGMAS * estimate.sd):
         if not disjoint:  # with a wrong turn axis, another offset would seem to fit
             refuse_unlike_gyros(imu, fixes)
-        offset, parts_of_it = named_offset(offset + found.offset, found.sd)
-        turns, forces = (r if r > SHOWN else np.nan for r in (abs(found.turns), found.accelerations))
-        certain = min(abs(found.turns), found.accelerations) > BOTH
+        offset, parts_of_it = named_offset(offset + estimate.offset, estimate.sd)
+        turns, forces = (r if r > SHOWN else np.nan for r in (abs(estimate.turns), estimate.accelerations))
+        certain = min(abs(estimate.turns), estimate.accelerations) > BOTH
         raise InputError(
             "clock.no_common_time" if disjoint else "clock.differ",
             where=f"{imu.facts.path}, {gps.facts.path}",
@@ -79,9 +79,9 @@ def one_clock(recording: Recording, model: Model) -> tuple[Recording, Model, tup
             imu_s=tuple(imu.data.time[[0, -1]]),
             gps_s=tuple(gps.data.time[[0, -1]]),
             offset_s=offset,
-            found_s=found.offset,
-            sd_s=found.sd,
-            overlap_s=found.overlap,
+            found_s=estimate.offset,
+            sd_s=estimate.sd,
+            overlap_s=estimate.overlap,
             turns=turns,
             forces=forces,
             **parts_of_it,

@@ -31,9 +31,9 @@ def receiver_noise(recording: Recording, model: Model) -> tuple[Recording, Model
     begin, end = float(recording.imu.data.time[0]), float(recording.imu.data.time[-1])
     if reference is None or not is_stationary(reference.data, begin, end):
         return recording, model, ()
-    found = Finding.of(Code.GPS_FROM_REFERENCE, subject="reference")
+    finding = Finding.of(Code.GPS_FROM_REFERENCE, subject="reference")
     fixes = stationary_fixes(reference.data.lla[0], begin, end, *BENCH_SD)
-    return replace(recording, fixes=fixes), model, (found,)
+    return replace(recording, fixes=fixes), model, (finding,)
 
 
 def with_scales_checked(gps: Reading[GpsData]) -> Reading[GpsData]:

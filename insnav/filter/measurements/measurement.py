@@ -112,9 +112,9 @@ class FirstPass:
         """Mounting of the IMU in its vehicle, with the attitude sd included; None if the drive is too short."""
         if self.fast_time < ENOUGH:
             return None
-        found = mounting(self.v_b[self.fast], self._rate()[self.fast], self.step)
+        estimate = mounting(self.v_b[self.fast], self._rate()[self.fast], self.step)
         sd = self.solution.sd
-        return found if sd is None else replace(found, sd=np.hypot(found.sd, sd[self.fast, 7:].min(axis=0)))
+        return estimate if sd is None else replace(estimate, sd=np.hypot(estimate.sd, sd[self.fast, 7:].min(axis=0)))
 
     @cached_property
     def forward(self) -> FloatArray:
@@ -272,5 +272,5 @@ def near_values(time: FloatArray, at: FloatArray) -> BoolArray:
 
 def _even(time: FloatArray, speed: FloatArray) -> tuple[FloatArray, BoolArray]:
     """Resample a speed at intervals of `STEP`; return also where it is known."""
-    at = np.arange(time[0], time[-1], STEP)
-    return np.interp(at, time, speed), near_values(time, at)
+    times = np.arange(time[0], time[-1], STEP)
+    return np.interp(times, time, speed), near_values(time, times)

@@ -81,9 +81,9 @@ def find_stops(imu: ImuData, speed: Velocity, spec: ImuSpec) -> tuple[FloatArray
         high, low = np.quantile(feature[still], 0.9), np.quantile(feature[moving], 0.01)
         if high < low:
             stationary &= feature < 0.5 * (high + low)
-    wrong, right = float(np.mean(stationary[moving])), float(np.mean(stationary[still]))
-    if stationary.all() or wrong > FALSE_STOPS or right < FEWEST_STOPS:
-        return none, no_sd, Finding.of(Code.ZUPT_POOR, share=right, false_share=wrong, limit_false_share=FALSE_STOPS)
+    wrong, share = float(np.mean(stationary[moving])), float(np.mean(stationary[still]))
+    if stationary.all() or wrong > FALSE_STOPS or share < FEWEST_STOPS:
+        return none, no_sd, Finding.of(Code.ZUPT_POOR, share=share, false_share=wrong, limit_false_share=FALSE_STOPS)
     force = blocks[1].mean(axis=1)
     for a, b in runs_of(stationary):
         stationary[a:b] = np.linalg.norm(force[a:b] - np.median(force[a:b], axis=0), axis=1) < STEADY
@@ -100,7 +100,7 @@ def find_stops(imu: ImuData, speed: Velocity, spec: ImuSpec) -> tuple[FloatArray
     # twice the scatter: people and wind sometimes move a stationary vehicle, in few of these windows
     rate_sd = 2.0 * np.hypot(scatter, spec.gyro.random_walk / np.sqrt(INTERVAL))
     total = float(np.sum(stops[:, 1] - stops[:, 0]))
-    note = Finding.of(Code.ZUPT_USED, count=stops.shape[0], duration_s=total, share=right, false_share=wrong)
+    note = Finding.of(Code.ZUPT_USED, count=stops.shape[0], duration_s=total, share=share, false_share=wrong)
     return stops, rate_sd, note
 
 
@@ -142,21 +142,21 @@ class NonHolonomic:
     @classmethod
     def from_drive(cls, first: FirstPass) -> tuple[Self | None, Finding | None]:
         """See `Measurement`."""
-        found = first.mounting
-        if found is None:
+        axes = first.mounting
+        if axes is None:
             return None, Finding.of(
                 Code.NHC_SLOW, duration_s=first.fast_time, limit_s=measurement.ENOUGH, speed_m_s=SLOWEST
             )
         # report angles of the IMU in the vehicle, which have the opposite sign of `angles`
-        (right, down), (pitch, yaw), (pitch_sd, yaw_sd) = found.rms, -found.angles, found.sd
-        if max(found.rms) > measurement.LARGEST_RMS:
+        (right, down), (pitch, yaw), (pitch_sd, yaw_sd) = axes.rms, -axes.angles, axes.sd
+        if max(axes.rms) > measurement.LARGEST_RMS:
             return None, Finding.of(
                 Code.NHC_LATERAL, lateral_m_s=right, vertical_m_s=down, limit_m_s=measurement.LARGEST_RMS
             )
-        if not found.holds:
+        if not axes.holds:
             return None, Finding.of(Code.NHC_TURNED, yaw_rad=yaw, pitch_rad=pitch, limit_rad=measurement.WIDEST)
         sd = np.maximum(
-            LEAST_VEHICLE_SD, [measurement.time_correlated_sd(each, first.step) for each in (found.right, found.down)]
+            LEAST_VEHICLE_SD, [measurement.time_correlated_sd(each, first.step) for each in (axes.right, axes.down)]
         )
         note = Finding.of(
             Code.NHC_USED,
@@ -166,9 +166,9 @@ class NonHolonomic:
             pitch_sd_rad=pitch_sd,
             yaw_rad=yaw,
             yaw_sd_rad=yaw_sd,
-            axle_m=found.lever_b[0],
+            axle_m=axes.lever_b[0],
         )
-        return cls(found.to_vehicle, found.lever_b, sd), note
+        return cls(axes.to_vehicle, axes.lever_b, sd), note
 
 
 # Largest RMS error of a useful speed: the free-inertial error after tens of seconds [m/s]. Where the velocity sd of the
@@ -197,8 +197,8 @@ class Odometer:
     def observe(self, at: FilterView, z: FloatArray, h: FloatArray) -> slice:
         """See `Measurement`."""
         row = int(np.clip(np.searchsorted(self.time, at.time), 1, self.time.shape[0] - 1))
-        near = self.time[row] - self.time[row - 1] <= LONGEST_GAP and abs(self.time[row] - at.time) <= LONGEST_GAP
-        if at.speed < SLOWEST or not near:
+        close = self.time[row] - self.time[row - 1] <= LONGEST_GAP and abs(self.time[row] - at.time) <= LONGEST_GAP
+        if at.speed < SLOWEST or not close:
             return NOTHING
         speed = float(np.interp(at.time, self.time, self.speed))
         vehicle_velocity(at.x, at.rate, self.to_vehicle, self.lever_b, speed, z, h)
@@ -209,8 +209,8 @@ class Odometer:
         """See `Measurement`."""
         if first.imu.odometer is None or first.mounting is None or not first.mounting.holds:
             return None, None
-        known = np.isfinite(first.imu.odometer)
-        return cls.fitted(first, first.fast, first.imu.time[known], first.imu.odometer[known], LAGS)
+        rows = np.isfinite(first.imu.odometer)
+        return cls.fitted(first, first.fast, first.imu.time[rows], first.imu.odometer[rows], LAGS)
 
     @classmethod
     def fitted(
@@ -260,29 +260,29 @@ class Speedometer(Odometer):
             return None, None
         if first.mounting is None or not first.mounting.holds:
             return None, Finding.of(Code.SPEEDOMETER_AXES)
-        known = np.isfinite(log.values["speed"])
-        if known.sum() < FEWEST:
-            return None, Finding.of(Code.ODOMETER_FEW, subject=cls.name, count=known.sum(), limit_count=FEWEST)
-        time, speed = log.time[known], log.values["speed"][known]
+        finite = np.isfinite(log.values["speed"])
+        if finite.sum() < FEWEST:
+            return None, Finding.of(Code.ODOMETER_FEW, subject=cls.name, count=finite.sum(), limit_count=FEWEST)
+        time, speed = log.time[finite], log.values["speed"][finite]
         horizontal = np.hypot(*first.solution.v_n[:, :2].T)
         offset = measurement.clock_offset(first.solution.time, horizontal, time, speed)
         if offset is None:
             return None, Finding.of(Code.SPEEDOMETER_CLOCK)
         sd = first.solution.sd
-        sure = first.fast if sd is None else first.fast & (np.hypot(sd[:, 3], sd[:, 4]) < LARGEST_SPEED_RMS)
-        rows = sure & measurement.near_values(time - offset, first.solution.time)
+        reliable = first.fast if sd is None else first.fast & (np.hypot(sd[:, 3], sd[:, 4]) < LARGEST_SPEED_RMS)
+        rows = reliable & measurement.near_values(time - offset, first.solution.time)
         if rows.sum() < FEWEST:
             return None, Finding.of(Code.SPEEDOMETER_UNKNOWN, count=rows.sum(), limit_count=FEWEST)
         recorded = np.interp(first.solution.time + offset, time, speed)
-        wrong = _outliers(first.forward, recorded, rows)
-        if (share := float(wrong.sum() / rows.sum())) > MOST_OUTLIERS:
+        outliers = _outliers(first.forward, recorded, rows)
+        if (share := float(outliers.sum() / rows.sum())) > MOST_OUTLIERS:
             return None, Finding.of(Code.SPEEDOMETER_OUTLIERS, share=share, limit_share=MOST_OUTLIERS)
-        rows &= ~_spread(wrong, round(2.0 * LOG_LAGS[-1] / first.step))  # and rows within the longest lag
-        found, note = cls.fitted(first, rows, time, speed, offset + LOG_LAGS)
-        if found is not None and "sd" in log.values:
-            reported = float(np.nanmedian(log.values["sd"][known]))
-            found = cls(found.time, found.speed, found.to_vehicle, found.lever_b, np.fmax(found.sd, reported))
-        return found, note
+        rows &= ~_spread(outliers, round(2.0 * LOG_LAGS[-1] / first.step))  # and rows within the longest lag
+        fit, note = cls.fitted(first, rows, time, speed, offset + LOG_LAGS)
+        if fit is not None and "sd" in log.values:
+            reported = float(np.nanmedian(log.values["sd"][finite]))
+            fit = cls(fit.time, fit.speed, fit.to_vehicle, fit.lever_b, np.fmax(fit.sd, reported))
+        return fit, note
 
 
 def _outliers(forward: FloatArray, shown: FloatArray, rows: BoolArray) -> BoolArray:
@@ -392,17 +392,17 @@ class Magnetometer(Heading):
         has_data = np.zeros(solution.time.shape[0], dtype=np.bool_)
         if finite.sum() >= FEWEST:
             has_data = measurement.near_values(log.time[finite], solution.time)
-        known = has_data if solution.sd is None else has_data & (solution.sd[:, 8] < LARGEST_RMS)
-        if known.sum() < FEWEST:
-            return None, Finding.of(Code.MAGNETOMETER_FEW, count=known.sum(), limit_count=FEWEST)
+        reliable = has_data if solution.sd is None else has_data & (solution.sd[:, 8] < LARGEST_RMS)
+        if reliable.sum() < FEWEST:
+            return None, Finding.of(Code.MAGNETOMETER_FEW, count=reliable.sum(), limit_count=FEWEST)
         time, rph = solution.time[has_data], solution.rph[has_data]
         if "heading" in log.values:
             angle = np.unwrap(log.values["heading"][finite])
             heading, iron = np.interp(time, log.time[finite], angle), np.nan
         else:
             field_b = np.column_stack([np.interp(time, log.time[finite], column[finite]) for column in values.T])
-            heading, iron = _from_field(field_b, rph, known[has_data])
-        offset = wrap_pi(rph[:, 2] - heading)[known[has_data]]
+            heading, iron = _from_field(field_b, rph, reliable[has_data])
+        offset = wrap_pi(rph[:, 2] - heading)[reliable[has_data]]
         declination = float(np.arctan2(np.median(np.sin(offset)), np.median(np.cos(offset))))
         residual = wrap_pi(offset - declination)
         rms = float(np.sqrt(np.mean(residual**2)))
