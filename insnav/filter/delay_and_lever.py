@@ -1,8 +1,8 @@
 """Delay of fixes relative to their timestamps, by profile likelihood; test of a specified lever arm or heading.
 
-The delay is a linear state of the filter. For a true delay of 0.3 s, a filter that starts at zero stops half way, at a
-local maximum of the likelihood, and distorts attitude and lever arm. This module therefore computes the likelihood of
-the fixes on a grid of delays, each with its best attitude, biases and lever arm (`insnav.filter.late_fixes`; profile
+The delay is a linear state of the filter. If the true delay is 0.3 s, a filter that starts at zero stops half way. This
+is a local maximum of the likelihood, with wrong attitude and lever arm. This module therefore computes the likelihood
+of the fixes on a grid of delays, each with its best attitude, biases and lever arm (`insnav.filter.late_fixes`; profile
 likelihood: Murphy and van der Vaart, "On profile likelihood", J. Am. Stat. Assoc. 95 (2000) 449-465). It shifts the
 samples to the best delay, near which the filter is linear enough. With a clock error of half the vibration period,
 vibration would give a lever arm wrong by metres. Vibration is therefore used only after the shift.
@@ -56,8 +56,7 @@ SURE, REFINED = 4.0, 2.0  # least delay to shift the samples, in sd: alone, and 
 ROUNDS = 3  # largest number of shifts of the samples
 BACK = 0.5  # undo a small shift if the next one would reverse more than this part of it [-]
 LEAST_OTHER, OTHER_WORTH = 0.03, 0.45  # vibration arm minus lever arm: least tested size, least size for a state [m]
-# Models of a lagging velocity: the mean over these instants, in lags before the fix. One instant, instants since the
-# previous fix, or a low-pass filter
+# Instants whose mean is a lagging velocity, in lags before the fix: one, many since the previous fix, a low-pass filter
 MOMENTS = (1.0,), tuple(0.25 * np.arange(0.5, 8.0)), tuple(-1.0109 * np.log(1.0 - np.arange(0.5, 32.0) / 32.0))
 LAGS = 0.2 * np.arange(-1, 6)  # initial values of the lag search, relative to the assumed lag [s]
 NEWTON, LAG_STEP = 6, 0.005  # largest number of Newton steps; step of numerical derivatives [s]
@@ -143,8 +142,7 @@ def filtered(ready: FilterInput, *, starts: int | None = None) -> Filtered:
     (arm, vibration), (arm_cov, vibration_cov) = navigator.levers()
     if lever_sd > 0.0:
         scales = lever_sd * np.geomspace(1.0, OPENED)
-        # most antennas are within a metre, a few at five: the prior is Student's distribution in three dimensions, that
-        # is, a normal distribution of unknown variance
+        # Student's distribution in three dimensions as prior: most antennas are within a metre, a few at five
         prior = -FREEDOM * (np.log(scales) + 0.5 * (lever_sd / scales) ** 2)
         lever_sd = scale_of(arm, arm_cov, OPENED * lever_sd, scales, prior)[0]
     shaken = 0.0
@@ -514,8 +512,7 @@ def with_hidden_lever(ready: FilterInput, run: Run) -> tuple[Run, tuple[Finding,
     """Widen the standard deviations of lever arm, delay and positions if gyro noise may determine the lever arm.
 
     Standard deviations are doubled: in short parts of a recorded car with RTK, arms were wrong by 3 to 4 of them. On
-    axes with more information from noise than from the drive, the bias towards zero is added. Implausible gyro noise is
-    only reported.
+    axes with more information from noise than from the drive, the bias to zero is added. Implausible noise is reported.
     """
     share, noise = pretended(ready, run), float(np.sqrt(ready.model.noise[:3].mean()))
     begin = float(run.solution.time[0])

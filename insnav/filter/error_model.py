@@ -87,8 +87,7 @@ def _bias(sensor: SensorSpec, turn_on: FloatArray) -> tuple[FloatArray, FloatArr
     """Combine turn-on and in-run bias into one state: noise density, inverse correlation time, sd.
 
     The in-run bias is a Gauss-Markov process with driving noise ``2 sd^2 / T``. The combined state has this noise, but
-    the stationary variance of both biases. Its correlation time is therefore longer, and a turn-on bias does not fade
-    within `T`.
+    the stationary variance of both biases. Its correlation time is longer: a turn-on bias does not fade within `T`.
     """
     in_run = noise_of(sensor, "Gauss-Markov")
     sd = np.hypot(turn_on, in_run)
@@ -191,8 +190,7 @@ def blocks_of(receiver: Receiver) -> tuple[StateBlock, ...]:
         # time-correlated errors of positions, and of velocities if modelled
         StateBlock("correlated", np.zeros(6), *(correlated or (np.empty(0),))),
         StateBlock("lever", arm.value, _sd_of(arm.sd, 3)),
-        # lever arm for rotation by vibration: a receiver averages velocity over 20 to 200 ms, and vibration of the IMU
-        # need not move the antenna
+        # arm for rotation by vibration: a receiver averages over 20 to 200 ms, and vibration need not move the antenna
         StateBlock("shaken", arm.value, _sd_of(arm.shaken * swings, 3)),
         StateBlock("lag", np.full(1, receiver.lag.value), _sd_of(receiver.lag.sd, 1)),
     )

@@ -30,15 +30,13 @@ class Gates:
     max_sd: float = 100.0
     max_speed: float = 400.0  # largest speed of a vehicle, above the speed of airliners [m/s]
     physical_sd: float = 5.0  # tolerance of the physical gates, in standard deviations of the fix [-]
-    # probability that a fix passes the statistical gate with true covariances: one false rejection in 10,000 fixes, an
-    # hour at 3 Hz [-]
+    # probability that a good fix passes the statistical gate: one false rejection in 10,000 fixes, an hour at 3 Hz [-]
     probability: float = 0.9999
     # a smaller innovation is never rejected, but de-weighted to the limit of the statistical gate [m], [m/s]. Lever
     # arm, timestamps and vibration often cause such innovations
     small_position: float = 1.0
     small_velocity: float = 0.5
-    # after rejecting all positions for this time, the filter is reset to the fixes [s]: multipath seldom lasts so long,
-    # but divergence does
+    # after rejecting all positions for this time, the filter is reset [s]: multipath is shorter, divergence is longer
     reset_after: float = 10.0
 
     nis_limit: float = field(init=False)  # limit of the NIS of three numbers, from `probability` [-]
@@ -115,8 +113,7 @@ def impossible(gates: Gates, gps: GpsData) -> BoolArray:
 def aside(gates: Gates, gps: GpsData) -> BoolArray:
     """Find positions farther from the line between neighbouring fixes than any vehicle can swerve and return, (n,).
 
-    Up to `IN_A_ROW` successive fixes are found. The fixes around them must be collinear: at a lasting jump, they are
-    not.
+    Up to `IN_A_ROW` successive fixes are found. The fixes around them must be collinear, unlike at a lasting jump.
     """
     aside_fixes = np.zeros(gps.time.size, dtype=np.bool_)
     remaining = np.flatnonzero(gps.valid)  # invalid fixes may be anywhere

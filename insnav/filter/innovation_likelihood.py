@@ -63,8 +63,7 @@ CORRELATION_TIME = (float(np.log(45.0)), 1.0)  # logarithm of the correlation ti
 # white part must also cover IMU model errors in turns, which grow with the squared interval.
 ALL, FAR_APART = 1.0 - 1e-6, 0.5
 # Velocities may also have a time-correlated error, observable by their integral against positions. Prior: logarithms of
-# its sd relative to the velocity sd, and of its correlation time [s], with sds. Correlation over mere seconds is due to
-# smoothing in the receiver.
+# its sd relative to the velocity sd and of its correlation time [s], with sds. A few seconds are receiver smoothing.
 VELOCITY_CORRELATED = {
     "velocity_correlated": (float(np.log(0.3)), 1.0),
     "velocity_correlation_time": (float(np.log(100.0)), 0.3),
@@ -73,16 +72,13 @@ VELOCITY_CORRELATED = {
 
 @dataclass(frozen=True, slots=True)
 class Parameter:
-    """Logarithm of a noise parameter (log odds of a share), with its prior.
-
-    The share is a part of its largest value `most`.
-    """
+    """Logarithm of a noise parameter (log odds for a share), with its prior."""
 
     key: str  # dotted name, such as ``gyro.random_walk``
     middle: float  # centre of the prior
     sd: float  # prior sd above the centre, and below it
     sd_below: float
-    most: float = 1.0
+    most: float = 1.0  # largest value of a share, for which the odds are infinite [-]
 
 
 class InnovationLikelihood:
@@ -111,8 +107,7 @@ class InnovationLikelihood:
         self._offered = rows[:, SOURCE] == FIX
         self.reset = bool((self._tape[1] == RESTART).any())  # the run was reset to fixes
         h, jitter = self._tape[7], ready.receiver.jitter
-        # further noise of fixes: timestamp jitter times speed and acceleration (the negative delay column of `h`). For
-        # aiding, all its noise
+        # noise of aiding; for fixes, noise by jitter times speed and acceleration (the negative delay column of `h`)
         measured = rows[:, SOURCE, None] != 0.0
         self._other = np.where(measured, rows[:, NOISE : NOISE + 36 : 7], 0.0)
         self._other[self._offered] = (jitter * h[self._offered][:, :, STATES]) ** 2

@@ -112,10 +112,7 @@ class Navigator:
         self._next = int(np.searchsorted(self._fix_time, done, side="right"))
 
     def feed(self, imu: ImuData) -> None:
-        """Process the next block of samples. Samples without later neighbours wait for the next call.
-
-        `imu`: samples that follow the last block.
-        """
+        """Process the next block of samples. The last ones wait for later neighbours in the next call."""
         while self._parts and imu.time[-1] > self._parts[0].after:
             before = int(np.searchsorted(imu.time, self._parts[0].after, side="right"))
             if before:
@@ -412,8 +409,7 @@ class Navigator:
 def turned(parts: strapdown.Intervals) -> FloatArray:
     """Compute the cumulative angle about each axis at the end of each sample interval, (n, 3) [rad].
 
-    Angles are rounded to multiples of `QUANTUM`, so that sums are exact and differences do not depend on the first
-    sample.
+    Sums of multiples of `QUANTUM` are exact, so that differences do not depend on the first sample.
     """
     angles = parts.gyro * parts.dt[:, None] if parts.instant else parts.gyro
     return QUANTUM * np.cumsum(np.round(angles / QUANTUM), axis=0)

@@ -62,8 +62,8 @@ STARTS = [np.log([share / (1.0 - share), time]) for time in (8.0, 40.0, 150.0) f
 # each), and a margin of 10. A minute of drifting positions gains 15.
 VELOCITY_STARTS = np.log([(share, time) for time in (30.0, 150.0) for share in (0.1, 0.3)])
 VELOCITY_WORTH = 20.0
-# Fixes are over-confident if their white errors alone exceed the reported sd by this factor. The time-correlated part,
-# poorly observed, is then too small as well: the whole sd is scaled by the excess of the white part, up to `ALIKE`.
+# Fixes are over-confident if their white errors alone exceed the reported sd by this factor. The whole sd is scaled by
+# this excess, up to `ALIKE`, as the drive shows only a part of the time-correlated errors.
 DOUBTED = 1.15
 UNDERSTATED_STARTS = 1.0, 5.0, 50.0  # start values of the factor on all fix sds, as reported sds may be far too small
 # A drive has another IMU if the common parameters make its innovations less probable than this. One parameter must also
@@ -128,8 +128,7 @@ class Posterior:
 
         The observed change of slope replaces the curvature along the last step. On a ridge, as with time-correlated
         errors, scoring alone oscillates and ends up to 80 nats too low. An iteration keeps the derivatives of the
-        innovations for further steps, while these gain enough. The search ends when a full step is expected to gain
-        less than `settled`.
+        innovations for further steps, while these gain enough. The search ends if a step promises less than `settled`.
         """
         seen = self.innovations(at)
         damping, steps, last, moved = 1e-3, STEP * np.eye(at.size), np.zeros(at.size), np.zeros(at.size)
@@ -349,8 +348,7 @@ def unlike(drives: Sequence[InnovationLikelihood], noise: DriveNoise) -> list[li
     """Find IMU parameters for which a drive differs from the others. Returns the figures of all drives for each.
 
     `noise`: common estimate, see `identify`. Drives of one IMU share its parameters, but not the parameters of their
-    fixes. A drive has another IMU if separate parameters raise its likelihood beyond chance, and differ much from the
-    common ones.
+    fixes. A drive has another IMU if different parameters raise its likelihood beyond chance.
     """
     shared, figures, differing = noise.seen[1], [], np.zeros(noise.seen[1].size, dtype=np.bool_)
     for drive in drives:

@@ -77,8 +77,7 @@ def prepare(
     `spec`: of the IMU. `receiver`: specified or assumed. `states`: 21 or 15, with or without scale factor errors.
     `known`: specified inputs to the alignment. `nominal`: sampling interval, by default from the samples [s].
     `as_given`: do not estimate the noise of the fixes.
-    Raises: InputError: no fixes, or an initial state outside the record. AlignmentError: the data do not determine the
-    attitude.
+    Raises: InputError: no fixes, or an initial state outside the record. AlignmentError: attitude not observable.
     """
     start, static_span = known.state, known.static_span
     imu, faults = inspect(imu)
@@ -149,8 +148,7 @@ def _parts(
     """Align the record, and again after each long gap of the samples.
 
     `aligned`: function that aligns samples and fixes of a part. `begin_at`: parts that end earlier are skipped [s].
-    Returns: samples of the aligned parts, these parts, and findings on gaps and parts. Raises: AlignmentError: no part
-    can be aligned.
+    Returns: samples of the aligned parts, these parts, and findings. Raises: AlignmentError: no part can be aligned.
     """
     nominal, rows = strapdown.nominal_interval(imu.time), spans(imu)
     if len(rows) == 1:

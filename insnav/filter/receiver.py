@@ -30,8 +30,7 @@ class Delay:
     value: float = 0.0  # [s]
     sd: float = 0.0  # [s]
     source: Source = "given"
-    # lower limit of the reported standard deviation, and delay by the search in addition to `value` [s]; see
-    # `Estimate.least_delay_sd`
+    # lower limit of the reported sd, and delay by the search beyond `value` [s]; see `Estimate.least_delay_sd`
     least_sd: float = 0.0
     shown: float = 0.0
     settled: bool = True  # false: still searched; see `insnav.kernels.measurements.correct_with_arm`

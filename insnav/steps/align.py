@@ -31,8 +31,7 @@ LATE, LATE_SURE = 0.03, 10.0  # a specified delay is rejected if its error excee
 def align(recording: Recording, model: Model) -> tuple[Recording, Model, tuple[Finding, ...]]:
     """Estimate initial attitude, GPS delay and clock rate, and set the filter up.
 
-    Raises: ConfigError: neither GPS nor a reference at rest gives a position. InputError, AlignmentError: the data
-    cannot be navigated.
+    Raises: ConfigError: neither GPS nor a stationary reference gives a position. InputError, AlignmentError: bad data.
     """
     if model.task.states not in (15, 21):
         raise ConfigError("align.bad_states", where="--states", value=model.task.states)

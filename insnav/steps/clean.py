@@ -21,8 +21,7 @@ def clean(recording: Recording, model: Model) -> tuple[Recording, Model, tuple[F
 
     Fixes without a standard deviation get their fix-to-fix scatter. It omits slow errors, which do not hide motion.
 
-    Raises: InputError: the rate of the samples is too low, or sensors stay zero in motion. AlignmentError: no fix
-    is good enough.
+    Raises: InputError: the sampling rate is too low, or sensors stay zero in motion. AlignmentError: no good fix.
     """
     facts = recording.imu.facts
     if facts.rate_hz < SLOWEST:

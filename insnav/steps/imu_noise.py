@@ -48,10 +48,7 @@ def raise_given(spec: ImuSpec, imu: ImuData, rest: tuple[float, float]) -> tuple
 
 
 def imu_from_rest(imu: ImuData, rest: tuple[float, float] | None) -> tuple[ImuSpec, Finding]:
-    """Choose an IMU model by the noise of a stationary interval, and report its source.
-
-    `rest`: its start and end [s].
-    """
+    """Choose an IMU model by the noise of a stationary interval `rest` [s], and report its source."""
     if rest is None or rest[1] - rest[0] < SHORTEST_REST:
         spec = load_imu("consumer")
         return spec, Finding.of(Code.IMU_MODEL_ASSUMED, limit_s=SHORTEST_REST, preset=spec.name)

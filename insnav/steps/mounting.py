@@ -41,8 +41,7 @@ X_FORWARD = Finding.of(Code.MOUNTING_ASSUMED, subject="imu")  # x is assumed to 
 def mounting(recording: Recording, model: Model) -> tuple[Recording, Model, tuple[Finding, ...]]:
     """Rotate the samples into vehicle axes, unless axes were specified.
 
-    Raises: InputError: the axes are left-handed, the gyros have wrong signs or order, or z points up and the vehicle
-    does not move.
+    Raises: InputError: axes are left-handed, gyros have wrong signs or order, or z is up and the vehicle is stationary.
     """
     inputs, fixes = recording.inputs, recording.fixes
     if as_given(inputs):

@@ -35,8 +35,7 @@ BOTH = 0.6  # correlation of turns and accelerations that only one drive has: te
 def one_clock(recording: Recording, model: Model) -> tuple[Recording, Model, tuple[Finding, ...]]:
     """Put samples, and logs recorded with them, on the clock of the fixes.
 
-    Raises: InputError: no common time, a time that contradicts the motion (with the offset to specify), or no common
-    motion.
+    Raises: InputError: no common time, no common motion, or a clock offset (with the value to specify).
     """
     imu, gps, inputs = recording.imu, recording.gps, recording.inputs
     given, fixes = inputs.get("time_offset"), recording.fixes_by_scatter

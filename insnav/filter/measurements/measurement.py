@@ -49,8 +49,7 @@ class Mounting:
 def mounting(v_b: FloatArray, rate: FloatArray, step: float) -> Mounting:
     """Estimate vehicle axes from velocity in IMU axes [m/s] and body rate [rad/s], (m, 3), every `step` [s].
 
-    A point on the unsteered axle, x ahead of the IMU, has zero lateral velocity, ``v_y + x w_z = 0``. The fit of the
-    angles also estimates x.
+    The fit also estimates x: an unsteered axle, x ahead of the IMU, has zero lateral velocity, ``v_y + x w_z = 0``.
     """
     ahead = v_b[:, 0]
     right, right_rest, right_sd = robust_fit(np.column_stack([ahead, -rate[:, 2], rate[:, 0]]), v_b[:, 1], step)

@@ -33,8 +33,7 @@ class ZeroVelocity:
     """Zero-velocity update: at a stop, velocity and angular rate relative to the Earth are zero."""
 
     stops: FloatArray  # (k, 2) begin and end of the stationary intervals [s]
-    # (6,) standard deviation of the velocity [m/s] and of the mean gyro output over `INTERVAL` [rad/s]. If infinite,
-    # the rate is not used
+    # (6,) sd of the velocity [m/s] and of the mean gyro output over `INTERVAL` [rad/s]; infinite: rate not used
     sd: FloatArray
 
     order: ClassVar[int] = 20
