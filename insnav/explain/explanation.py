@@ -153,6 +153,7 @@ def explain_faults(ready: FilterInput, kinds: Sequence[Kind]) -> tuple[FilterInp
             break
         previous_parts, parts = parts, []
         for record, previous in zip(chain([first], records), chain(previous_parts, repeat(None)), strict=False):
+            # a part without IMU faults whose search is complete keeps its result
             if previous is not None and previous.search.complete and not of_imu(previous.faults):
                 parts.append(previous)
                 continue

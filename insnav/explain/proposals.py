@@ -79,6 +79,7 @@ def misfit_of(record: LinearRecord, of: Pass, kind: Kind, beside: Sequence[int] 
     levels = np.array([0.25, 0.5, 0.75])
     clean = ~np.isin(numbers, block[list(beside)])
     largest = np.quantile(np.maximum.reduceat(gain, firsts)[clean if clean.sum() >= FEWEST else slice(None)], levels)
+    # line through the quartiles of a Gumbel distribution, extrapolated to the rate of false alarms
     reduced = -np.log(-np.log(levels))
     scale = (np.diff(largest) / np.diff(reduced)).max()
     return float(largest[1] + scale * (-np.log(FALSE_ALARMS * BLOCK / HOUR) - reduced[1]))
@@ -161,7 +162,7 @@ def _pairs(
         return min(at, partner), max(at, partner), float(gain[size, place]), float(variances[size])
 
     episodes = set[tuple[int, int, float, float]]()
-    for top in tops:
+    for top in tops:  # alternate between end and begin until the gain no longer increases
         at, side, best = top, 1, best_from(top, 1)
         if best is None:
             at, side, best = top, -1, best_from(top, -1)

@@ -229,6 +229,7 @@ class LinearRecord:
         states = NAMES | {"correlated": index.correlated, "offset": n, "drift": n + 3, "velocity offset": n + 6}
         unseen = {"delay": index.delay < 0, "velocity offset": not used[:, 3:].any()}  # states without effect
         states = {name: first for name, first in states.items() if not unseen.get(name)}
+        # an offset state adds to measured positions, a velocity offset to measured velocities
         of_faults = np.zeros((m, 6, FAULTS))
         of_faults[:, range(3), range(3)] = of_faults[:, range(3, 6), range(6, 9)] = -1.0
         h = np.concatenate([h, np.where(used[:, :, None], of_faults, 0.0)], axis=2)

@@ -263,6 +263,7 @@ def search(
         if known.complete and same(fit.steps, steps):
             return replace(known, best=fit, passes=searcher.passes)
         fit = searcher.relocate(fit)
+    # add one significant fault at a time; a fault of the IMU needs another filter run first
     considered, complete = list[Considered](), True
     while complete and searcher.passes < BUDGET:
         before, fit = fit, searcher.improve(fit, considered)
@@ -303,6 +304,7 @@ def search_part(
         if not same(again.best.steps, known.best.steps):
             return record.until(low), replace(again, complete=False, before=known.before)
         known = again
+    # bisect for the smallest number of first epochs that shows another fault of the IMU
     high, ahead, candidate = known.limit or count, 1, None
     while high - low > 1:
         epochs = min(low + ahead, (low + high) // 2)

@@ -362,6 +362,7 @@ def on_time(prepared: Callable[[float, float], Aligned], receiver: Receiver) -> 
     half = 0.5 * min(float(np.ptp(ready.imu.time)), LONGEST)  # half of the used part of the record [s]
     alone = velocity_lag(ready.gps) if receiver.delay.sd > 0.0 else (0.0, np.inf)
     tried, misfit, cost = before, np.nan, np.nan
+    # each round estimates the delay from the last run, shifts the samples, and runs the filter again
     for _ in range(ROUNDS if receiver.delay.sd > 0.0 else 0):
         estimate = delay_of(further, alone)
         if estimate.misfit < misfit - BETTER:  # gates reject many: with all fixes, the shift is better

@@ -135,6 +135,7 @@ def _beside(gates: Gates, gps: GpsData) -> BoolArray:
         errors = gates.physical_sd * (sd[row] + np.maximum(sd[first], sd[last]))
         return np.linalg.norm(way, axis=1), 0.5 * SUDDEN * since * until + errors
 
+    # series of `length` fixes off the line between their neighbours, which are collinear with the fixes around
     for length in range(1, IN_A_ROW + 1):
         first = np.arange(1, time.size - length - 2)  # the nearer of two earlier fixes
         last = first + length + 1

@@ -143,7 +143,7 @@ class Posterior:
             curvature, last, moved = _bent(fisher, moved, slope - last), slope, np.zeros(at.size)
             if 0.5 * slope @ np.linalg.solve(curvature, slope) < settled:
                 break
-            gained = np.inf
+            gained = np.inf  # further steps with the same derivatives, while they gain enough
             while gained > FAR and damping < 1e4:
                 move = -np.linalg.solve(curvature + damping * np.diag(np.diag(curvature)), slope)
                 move *= min(1.0, LARGEST_STEP / float(np.max(np.abs(move))))

@@ -134,7 +134,7 @@ class Record:
         rates = spill.empty((0 if self._rate_sd is None else rows, 3))
         sd, variances = spill.empty((rows, NAV)), spill.empty((known_count, NAV + 3))
         opposite, adjacent = np.empty((2, ROWS, 3))
-        for number in range(len(self._rooms)):
+        for number in range(len(self._rooms)):  # correct states, move them to output times, interpolate variances
             room = self._rooms.pop(0) if last else self._rooms[number]
             for block in spill.blocks(int(room.used[0]), size=ROWS):
                 now, state, count = room.time[block], room.state[block].copy(), block.stop - block.start
