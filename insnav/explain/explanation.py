@@ -207,10 +207,10 @@ def mix(search: Search) -> FloatArray:
     # explanations from an earlier filter run may have other epochs, and are left out
     fits = [search.best, *(each for each in search.others if each.seen.nav.shape == search.best.seen.nav.shape)]
     probability = np.exp(-0.5 * (np.array([each.cost for each in fits]) - search.best.cost))
-    apart = np.array([each.seen.nav - search.best.seen.nav for each in fits])
+    difference = np.array([each.seen.nav - search.best.seen.nav for each in fits])
     # tilts are about north and east: roll and pitch each get the norm of both
-    apart[:, :, 6:8] = np.linalg.norm(apart[:, :, 6:8], axis=2, keepdims=True)
-    return np.asarray(np.tensordot(probability / probability.sum(), apart**2, axes=1))
+    difference[:, :, 6:8] = np.linalg.norm(difference[:, :, 6:8], axis=2, keepdims=True)
+    return np.asarray(np.tensordot(probability / probability.sum(), difference**2, axes=1))
 
 
 def of_imu(faults: Sequence[Fault]) -> list[Fault]:

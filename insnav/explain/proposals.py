@@ -72,12 +72,12 @@ def misfit_of(record: LinearRecord, of: Pass, kind: Kind, beside: Sequence[int] 
     Their quartiles give two estimates of its scale. The larger one is used.
     """
     gain = gains_of(*record.project(of, kind), np.array([np.inf]))[0]
-    block = np.floor((record.time - record.time[0]) / BLOCK).astype(int)
-    numbers, firsts = np.unique(block, return_index=True)
+    part = np.floor((record.time - record.time[0]) / BLOCK).astype(int)
+    numbers, firsts = np.unique(part, return_index=True)
     if firsts.size < FEWEST:
         return 0.0
     levels = np.array([0.25, 0.5, 0.75])
-    clean = ~np.isin(numbers, block[list(beside)])
+    clean = ~np.isin(numbers, part[list(beside)])
     largest = np.quantile(np.maximum.reduceat(gain, firsts)[clean if clean.sum() >= FEWEST else slice(None)], levels)
     # line through the quartiles of a Gumbel distribution, extrapolated to the rate of false alarms
     reduced = -np.log(-np.log(levels))

@@ -98,23 +98,23 @@ def _contradictions(
     mean = 0.5 * (slope[1:] + slope[:-1])
     sd = np.where(np.isfinite(gps.position_sd), gps.position_sd, 0.0)
     difference, bend = v[1:-1] - mean, np.diff(slope, axis=0)
-    level, vertical = np.linalg.norm(difference[:, :2], axis=1), np.abs(difference[:, 2])
-    usable = even[1:] & even[:-1] & np.isfinite(level)
+    horizontal, vertical = np.linalg.norm(difference[:, :2], axis=1), np.abs(difference[:, 2])
+    usable = even[1:] & even[:-1] & np.isfinite(horizontal)
     if not usable.any():
         return np.nan, np.nan, None, np.nan
-    limits = [max(FALSE, SIGMAS * float(np.median(each[usable]))) for each in (level, vertical)]
-    limit, error = limits[0], np.maximum(level, vertical)
+    limits = [max(FALSE, SIGMAS * float(np.median(each[usable]))) for each in (horizontal, vertical)]
+    limit, error = limits[0], np.maximum(horizontal, vertical)
     # tolerance for the error of a slope between two positions, by their reported sd
     slope_error = REPORTED * np.hypot(sd[2:], sd[:-2]) / (step[1:] + step[:-1])[:, None]
-    beyond = level > limits[0] + BEND * np.linalg.norm(bend[:, :2], axis=1) + slope_error[:, :2].max(axis=1)
-    beyond |= vertical > limits[1] + BEND * np.abs(bend[:, 2]) + slope_error[:, 2]
+    exceeding = horizontal > limits[0] + BEND * np.linalg.norm(bend[:, :2], axis=1) + slope_error[:, :2].max(axis=1)
+    exceeding |= vertical > limits[1] + BEND * np.abs(bend[:, 2]) + slope_error[:, 2]
     jump = np.linalg.norm((gone - 0.5 * (v[1:] + v[:-1]) * step[:, None])[:, :2], axis=1)
     # a jump: the position step disagrees with two velocities that agree with each other
-    smooth = np.linalg.norm((v[1:] - v[:-1])[:, :2], axis=1) < limit
+    agreeing = np.linalg.norm((v[1:] - v[:-1])[:, :2], axis=1) < limit
     least_jump = max(3.0, MEDIANS * float(np.nanmedian(jump[even])))
-    jumped = even & smooth & (jump > np.maximum(least_jump, REPORTED * np.hypot(sd[1:], sd[:-1])[:, :2].max(axis=1)))
+    jumped = even & agreeing & (jump > np.maximum(least_jump, REPORTED * np.hypot(sd[1:], sd[:-1])[:, :2].max(axis=1)))
     next_to_jump = jumped[1:] | jumped[:-1]
-    false = usable & beyond & ~next_to_jump
+    false = usable & exceeding & ~next_to_jump
     return (
         float(np.mean(false[usable])),
         float(np.max(error[false], initial=0.0)),

@@ -122,8 +122,8 @@ def filtered(ready: FilterInput, *, starts: int | None = None) -> Filtered:
     correlated = receiver.correlated
     if correlated is not None and correlated.by_reported:  # limit the uncertain correlation time
         correlated = replace(correlated, time=min(correlated.time, usual_time()))
-    opened, delay = replace(lever_arm, sd=OPENED * lever_sd, shaken=other_sd), replace(receiver.delay, settled=False)
-    receiver = replace(receiver, lever_arm=opened, delay=delay, correlated=correlated)
+    wide_arm, delay = replace(lever_arm, sd=OPENED * lever_sd, shaken=other_sd), replace(receiver.delay, settled=False)
+    receiver = replace(receiver, lever_arm=wide_arm, delay=delay, correlated=correlated)
     used = replace(ready.keep_history(), receiver=receiver, gates=gates)
     navigator = Navigator(used)
     try:
@@ -233,20 +233,20 @@ def delay_of(seen: Filtered, alone: tuple[float, float] = (0.0, np.inf)) -> Foun
         return estimate._replace(cost=cost, least=least)
     # with a delay of seconds, nearly all fixes look false, and precise ones distort the filter: use large sds
     believing = _believed(seen.ready)
-    rough = filtered(_doubted(believing), starts=0)
-    estimate = _found(rough, _likelihood(rough), alone)
+    wide_run = filtered(_doubted(believing), starts=0)
+    estimate = _found(wide_run, _likelihood(wide_run), alone)
     if estimate.sd <= DOUBTFUL:
         return estimate
     # the reported sds determine the delay to milliseconds, if they agree with the innovations at some delay
-    believed = filtered(believing, starts=0)
-    likelihood = _likelihood(believed)
+    precise_run = filtered(believing, starts=0)
+    likelihood = _likelihood(precise_run)
     mean_square = EXPLAINED if likelihood is None else likelihood.off(COARSE)
     if mean_square >= EXPLAINED:
         return estimate
-    precise = _found(believed, likelihood, alone)
+    precise = _found(precise_run, likelihood, alone)
     # widen the sds by the misfit: it is systematic, and distorts the filter, including lever arm and delay
     wider = max(1.0, float(np.sqrt(mean_square)))
-    widened = precise._replace(sd=wider * precise.sd, sum_sd=wider * precise.sum_sd, misfit=believed.misfit)
+    widened = precise._replace(sd=wider * precise.sd, sum_sd=wider * precise.sum_sd, misfit=precise_run.misfit)
     return widened if precise.sd <= DOUBTFUL else estimate
 
 
@@ -265,20 +265,20 @@ def _found(seen: Filtered, likelihood: LateFixes | None, alone: tuple[float, flo
     if best in (0, COARSE.size - 1):  # no maximum within the grid
         return nothing
     delays = COARSE[best] + NEAR
-    fine, drift = likelihood.costs(delays), 0.0
+    costs_near, drift = likelihood.costs(delays), 0.0
     rates = DRIFTS[np.abs(DRIFTS) < LARGEST_DRIFT * likelihood.half + FINE] / likelihood.half
-    drifting = likelihood.costs(delays[[np.argmin(fine.sum(axis=1))]], rates).sum(axis=1)
-    least = int(np.clip(np.argmin(drifting), 1, rates.size - 2))
+    costs_by_rate = likelihood.costs(delays[[np.argmin(costs_near.sum(axis=1))]], rates).sum(axis=1)
+    best_rate = int(np.clip(np.argmin(costs_by_rate), 1, rates.size - 2))
     # three neighbouring rates must be better: a single one may be chance
-    significant = drifting[rates.size // 2] - drifting[least - 1 : least + 2].max() > SURE**2
-    drift_range = abs(float(rates[least])) * likelihood.half
-    if significant and drift_range > FINE and likelihood.cost_of_step(delays, drift_range) > drifting[least]:
-        drift = float(rates[least])
-        fine = likelihood.costs(delays, drift)
-    middle = int(np.clip(np.argmin(fine.sum(axis=1)), 1, delays.size - 2))
-    before, top, after = fine[middle - 1 : middle + 2]
-    bend, slopes = (before - 2.0 * top + after) / FINE**2, 0.5 * (after - before) / FINE
-    curvature = float(bend.sum())
+    significant = costs_by_rate[rates.size // 2] - costs_by_rate[best_rate - 1 : best_rate + 2].max() > SURE**2
+    drift_range = abs(float(rates[best_rate])) * likelihood.half
+    if significant and drift_range > FINE and likelihood.cost_of_step(delays, drift_range) > costs_by_rate[best_rate]:
+        drift = float(rates[best_rate])
+        costs_near = likelihood.costs(delays, drift)
+    middle = int(np.clip(np.argmin(costs_near.sum(axis=1)), 1, delays.size - 2))
+    before, top, after = costs_near[middle - 1 : middle + 2]
+    curvatures, slopes = (before - 2.0 * top + after) / FINE**2, 0.5 * (after - before) / FINE
+    curvature = float(curvatures.sum())
     innovation, variance = likelihood.innovations(delays[middle], drift, likelihood.lag)
     if curvature <= 0.0 or np.median(np.abs(innovation) / np.sqrt(variance)) > HUBER:  # no delay explains the fixes
         return nothing
@@ -289,7 +289,7 @@ def _found(seen: Filtered, likelihood: LateFixes | None, alone: tuple[float, flo
     width = 0.0
     if abs(delay) > DOUBTFUL and not drift:
         width = abs(delay) / float(np.sqrt(2.0 * max(likelihood.costs(np.zeros(1)).sum() - top.sum(), 1e-9)))
-    scatter = float(np.sqrt(bend.size * np.var(slopes + to_top * bend, ddof=1))) / curvature
+    scatter = float(np.sqrt(curvatures.size * np.var(slopes + to_top * curvatures, ddof=1))) / curvature
     sd = max(1.0 / float(np.sqrt(curvature)), width, scatter)
     lag, lag_sd, sum_sd = likelihood.lag, 0.0, sd
     if likelihood.velocities:
@@ -322,15 +322,15 @@ def _with_lag(
     `delay`: most likely delay with the assumed lag [s].
     Returns: delay and lag (2,) [s], their covariance, and the log odds of this lag against no lag (Laplace).
     """
-    start = np.array([(delay - by * lag, likelihood.lag + lag) for by in (0.0, 1.0) for lag in LAGS])
-    lag_alone, weight = alone[0], float(np.hypot(ALONE * alone[1], ALONE_LEAST)) ** -2.0
-    prior_cost = 0.5 * weight * (start[:, 1] - lag_alone) ** 2
-    top = start[likelihood.likeliest(start[:, 0], start[:, 1], prior_cost, drift)]
-    prior = np.array([REACH, LAG_SD]) ** -2.0 + [0.0, weight]
+    starts = np.array([(delay - by * lag, likelihood.lag + lag) for by in (0.0, 1.0) for lag in LAGS])
+    lag_alone, information = alone[0], float(np.hypot(ALONE * alone[1], ALONE_LEAST)) ** -2.0
+    prior_cost = 0.5 * information * (starts[:, 1] - lag_alone) ** 2
+    top = starts[likelihood.likeliest(starts[:, 0], starts[:, 1], prior_cost, drift)]
+    prior = np.array([REACH, LAG_SD]) ** -2.0 + [0.0, information]
     for _ in range(NEWTON):
         slopes, curvature = likelihood.slopes(top[0], drift, top[1], LAG_STEP)
         covariance = np.linalg.inv(curvature + np.diag(prior))
-        step = -covariance @ (slopes.sum(axis=1) + prior * top * [0.0, 1.0] - [0.0, weight * lag_alone])
+        step = -covariance @ (slopes.sum(axis=1) + prior * top * [0.0, 1.0] - [0.0, information * lag_alone])
         top = top + np.clip(step, -LAG_SD, LAG_SD)
         if np.abs(step).max() < LAG_STEP:
             break
@@ -338,7 +338,7 @@ def _with_lag(
     ratio = np.maximum(np.diag(scatter) / np.diag(covariance), 1.0)
     alternatives = np.array([delay, delay + likelihood.lag, top[0] + top[1], top[0]])
     costs = likelihood.costs(alternatives, drift, np.append(np.zeros(3), top[1])).sum(axis=1)
-    gain = (costs[:3].min() - costs[3]) / ratio[1] - 0.5 * (prior[1] * top[1] - 2.0 * weight * lag_alone) * top[1]
+    gain = (costs[:3].min() - costs[3]) / ratio[1] - 0.5 * (prior[1] * top[1] - 2.0 * information * lag_alone) * top[1]
     covariance = covariance * np.sqrt(np.outer(ratio, ratio))
     return top, covariance, float(gain + 0.5 * np.log(min(covariance[1, 1] / LAG_SD**2, 1.0)))
 
@@ -357,54 +357,54 @@ def on_time(prepared: Callable[[float, float], Aligned], receiver: Receiver) -> 
     ready = best.ready
     best_run = filtered(ready)
     lag = ready.receiver.lag
-    further, width, lags = best_run, receiver.delay.sd, (lag.value, 0.0, lag.moments)
-    before, last, least_delay_sd, total = (best, best_run, best_shift), 0.0, 0.0, 0.0
+    current, state_sd, lags = best_run, receiver.delay.sd, (lag.value, 0.0, lag.moments)
+    before, last_move, least_delay_sd, total = (best, best_run, best_shift), 0.0, 0.0, 0.0
     half = 0.5 * min(float(np.ptp(ready.imu.time)), LONGEST)  # half of the used part of the record [s]
     alone = velocity_lag(ready.gps) if receiver.delay.sd > 0.0 else (0.0, np.inf)
-    tried, misfit, cost = before, np.nan, np.nan
+    latest, misfit, cost = before, np.nan, np.nan
     # each round estimates the delay from the last run, shifts the samples, and runs the filter again
     for _ in range(ROUNDS if receiver.delay.sd > 0.0 else 0):
-        estimate = delay_of(further, alone)
+        estimate = delay_of(current, alone)
         if estimate.misfit < misfit - BETTER:  # gates reject many: with all fixes, the shift is better
-            best, best_run, best_shift = tried
-        misfit, cost = estimate.misfit, estimate.cost if further is best_run else cost
+            best, best_run, best_shift = latest
+        misfit, cost = estimate.misfit, estimate.cost if current is best_run else cost
         delay, sd, drift = estimate[:3]
         least_delay_sd, total = estimate.least_delay_sd, clock + delay + half * (rate + drift)
-        used_lag, lags = further.used.receiver.lag, estimate[3:6]
+        used_lag, lags = current.used.receiver.lag, estimate[3:6]
         lagging = abs(estimate.lag - used_lag.value) >= LAG_WORTH or estimate.moments != used_lag.moments
         # velocities determine the sum of delay and lag: if the lag is negligible, shift the clock by the sum
-        ahead, ahead_sd = (delay, sd) if lagging else (delay + estimate.lag - used_lag.value, estimate.sum_sd)
+        move, move_sd = (delay, sd) if lagging else (delay + estimate.lag - used_lag.value, estimate.sum_sd)
         # other evidence: an earlier shift, or a delay state of the same sign that is significant
-        agrees = further.delay * np.sign(ahead) > SURE * further.delay_sd
+        agrees = current.delay * np.sign(move) > SURE * current.delay_sd
         least_significance = SURE if clock == 0.0 and not agrees else REFINED
         # do not shift by a small delay together with a new lag: the delay of the next run, with this lag, is valid
-        small = abs(ahead) < receiver.delay.sd
-        moved = bool(abs(ahead) >= max(WORTH, least_significance * ahead_sd) or drift) and not (lagging and small)
-        remaining = float(np.hypot(sd, delay - ahead if moved else delay))
-        width = max(receiver.delay.sd, min(LOOKED * remaining, WIDEST))
-        if moved and abs(last) < receiver.delay.sd and ahead * last < -BACK * last**2:
+        small = abs(move) < receiver.delay.sd
+        moved = bool(abs(move) >= max(WORTH, least_significance * move_sd) or drift) and not (lagging and small)
+        remaining = float(np.hypot(sd, delay - move if moved else delay))
+        state_sd = max(receiver.delay.sd, min(LOOKED * remaining, WIDEST))
+        if moved and abs(last_move) < receiver.delay.sd and move * last_move < -BACK * last_move**2:
             best, best_run, best_shift = before
             break
         if not moved and not lagging:
             if estimate.least < cost - CHEAPER:
-                best, best_run, best_shift = tried
+                best, best_run, best_shift = latest
             break
-        before, last = (best, best_run, best_shift), 0.0 if drift or not moved else ahead
+        before, last_move = (best, best_run, best_shift), 0.0 if drift or not moved else move
         if moved:
-            clock, rate = clock + ahead, rate + drift
+            clock, rate = clock + move, rate + drift
         shifted = prepared(clock, rate)
-        lagged = replace(shifted.ready.receiver, lag=Lag(estimate.lag, moments=estimate.moments))
-        shifted = replace(shifted, ready=replace(shifted.ready, receiver=lagged))
+        receiver_with_lag = replace(shifted.ready.receiver, lag=Lag(estimate.lag, moments=estimate.moments))
+        shifted = replace(shifted, ready=replace(shifted.ready, receiver=receiver_with_lag))
         # accept a small refinement whatever its misfit: the delay state explains a small delay nearly as well
-        refined = further is best_run and least_significance == REFINED and small and not drift
-        further = filtered(shifted.ready)
-        tried = shifted, further, (clock, rate)
-        if refined or further.misfit <= best_run.misfit + WORSE:  # or go on: the first of several shifts may be worse
-            best, best_run, best_shift = tried
+        refined = current is best_run and least_significance == REFINED and small and not drift
+        current = filtered(shifted.ready)
+        latest = shifted, current, (clock, rate)
+        if refined or current.misfit <= best_run.misfit + WORSE:  # or go on: the first of several shifts may be worse
+            best, best_run, best_shift = latest
     ready, receiver = best.ready, best.ready.receiver
     lever_arm = replace(receiver.lever_arm, shaken=best_run.shaken, sd=best_run.lever_sd)
     total -= best_shift[0] + half * best_shift[1]
-    searched = replace(receiver.delay, sd=width, least_sd=least_delay_sd, shown=total)
+    searched = replace(receiver.delay, sd=state_sd, least_sd=least_delay_sd, shown=total)
     lag = Lag(lags[0], LOOKED * lags[1] if lags[1] > WORTH else 0.0, lags[2])
     ready = replace(ready, receiver=replace(receiver, lever_arm=lever_arm, delay=searched, lag=lag))
     if len(ready.starts) == 1:  # with the repeated start in motion

@@ -78,28 +78,28 @@ def velocity_lag(gps: GpsData) -> tuple[float, float]:
         return 0.0, np.inf
     moved = ned_offset(gps.lla[1:], gps.lla[:-1])[:, :2]  # from fix to fix: the track may be long
     position = Spline(t, np.vstack([np.zeros(2), np.cumsum(moved, axis=0)]))
-    even: BoolArray = np.asarray(np.abs(step / np.median(step) - 1.0) < 0.1)
-    inside: BoolArray = np.zeros(t.shape[0], dtype=bool)
-    inside[3:-2] = np.asarray(np.lib.stride_tricks.sliding_window_view(even, 5).all(axis=1), dtype=bool)
-    if inside.sum() < 40:
+    regular: BoolArray = np.asarray(np.abs(step / np.median(step) - 1.0) < 0.1)
+    usable: BoolArray = np.zeros(t.shape[0], dtype=bool)
+    usable[3:-2] = np.asarray(np.lib.stride_tricks.sliding_window_view(regular, 5).all(axis=1), dtype=bool)
+    if usable.sum() < 40:
         return 0.0, np.inf
     v = gps.v_n[:, :2]
     change = np.zeros_like(v)
     change[1:-1] = (v[2:] - v[:-2]) / (t[2:] - t[:-2])[:, None]
-    t, v, instrument = t[inside], v[inside], change[inside].ravel()
+    t, v, instrument = t[usable], v[usable], change[usable].ravel()
     lag, sd = 0.0, np.inf
     for _ in range(20):
         # Gauss-Newton step for the lag. Noise of the spline's acceleration is also in the residual and would bias the
         # slope. The change of the measured velocity has no such noise: it serves as instrumental variable (Soderstrom
         # and Stoica, "System Identification", 1989, chapter 8).
-        speed, a = position.changes(t - lag)
-        d, a = (speed - v).ravel(), a.ravel()
-        scale = 1.4826 * float(np.median(np.abs(d))) + 1e-9
-        weight = 1.0 / (1.0 + (d / (3.0 * scale)) ** 2) ** 2
-        power = float(np.sum(weight * instrument * a))
+        speed, acceleration = position.changes(t - lag)
+        residual, acceleration = (speed - v).ravel(), acceleration.ravel()
+        scale = 1.4826 * float(np.median(np.abs(residual))) + 1e-9
+        weight = 1.0 / (1.0 + (residual / (3.0 * scale)) ** 2) ** 2
+        power = float(np.sum(weight * instrument * acceleration))
         if power < 1.0:
             return 0.0, np.inf
-        correction = float(np.sum(weight * instrument * d)) / power
+        correction = float(np.sum(weight * instrument * residual)) / power
         lag = float(np.clip(lag + correction, -1.0, 1.0))
         sd = scale * float(np.sqrt(np.sum(weight * instrument**2))) / power
         if abs(correction) < 1e-5:
@@ -213,8 +213,8 @@ def _rounding(values: FloatArray) -> tuple[float, FloatArray]:
     repeats[finite] = np.where(distinct[number] == 0.0, 1, np.repeat(lengths, lengths))
     if distinct.size < DISTINCT:
         return 0.0, repeats
-    gaps = np.diff(distinct)
-    multiples = np.concatenate([[0.0], np.cumsum(np.round(gaps / gaps.min()))])
+    steps = np.diff(distinct)
+    multiples = np.concatenate([[0.0], np.cumsum(np.round(steps / steps.min()))])
     step = float(multiples @ (distinct - distinct[0]) / (multiples @ multiples))
     error = np.abs(distinct - distinct[0] - step * multiples)
     return (step if error.max() < ON_STEP * step else 0.0), repeats
@@ -391,9 +391,9 @@ def correlated_noise(gps: GpsData, lag: float, *, reported: bool = True) -> Corr
         same_stretch = stretch[m:] == stretch[:-m]
         if same_stretch.sum() < 20:
             continue
-        d = (error[m:] - error[:-m])[same_stretch] / sd[:, :2][m:][same_stretch]
+        difference = (error[m:] - error[:-m])[same_stretch] / sd[:, :2][m:][same_stretch]
         # robust variance: median of the squares over the median of chi-square with one degree of freedom
-        variance.append(0.5 * float(np.median(d * d)) / CHI2_MEDIAN)
+        variance.append(0.5 * float(np.median(difference * difference)) / CHI2_MEDIAN)
         weight.append(np.sqrt(same_stretch.sum() / m))
     if len(variance) < 8:
         return None

@@ -259,12 +259,12 @@ class InnovationLikelihood:
         turned = rph_by_turn(self._c[settled], -push[1:, settled, 6:])
         kind = self._tape[1][: settled.start]
         late = slice(int(np.bitwise_count(kind[kind > COAST]).sum()), None)
-        far_off = float(np.mean(np.abs(push[0, :, 6:]).max(axis=1) > FAR_OFF)) > FAR_OFF_SHARE
+        nonlinear = float(np.mean(np.abs(push[0, :, 6:]).max(axis=1) > FAR_OFF)) > FAR_OFF_SHARE
         by_late = np.array(effects)[:, late]
         if not float(np.abs(by_late).max(initial=0.0)) * self.misalignment_sd.max() < SENSELESS:
             raise DivergenceError("filter.misalignment_unbounded")
         curvature_and_slope = informed(e[late], by_late, weights_of(e[late], s[late]), self.misalignment_sd)
-        return *curvature_and_slope, turned, far_off
+        return *curvature_and_slope, turned, nonlinear
 
     @property
     def misalignment_sd(self) -> FloatArray:

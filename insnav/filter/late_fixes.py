@@ -67,36 +67,36 @@ class LateFixes:
     def __init__(self, ready: FilterInput, epochs: FloatArray) -> None:
         receiver, gates = ready.receiver, ready.gates
         at, time, gps = layout(receiver), epochs[:, TIME], ready.gps
-        bridges = bridged(ready.imu.time, time)
-        self._tape = noise_likelihood.tape(epochs, at.states, ready.model.noise, bridges, ready.rounding)
+        after_gap = bridged(ready.imu.time, time)
+        self._tape = noise_likelihood.tape(epochs, at.states, ready.model.noise, after_gap, ready.rounding)
         row_of_fix = np.minimum(np.searchsorted(ready.fix_time, time - TIME_TOLERANCE), gps.time.size - 1)
-        good = np.abs(ready.fix_time[row_of_fix] - time) <= TIME_TOLERANCE
+        usable = np.abs(ready.fix_time[row_of_fix] - time) <= TIME_TOLERANCE
         # leave out impossible positions: a position wrong by 100 km would dominate
-        good &= (pass_quality(gates, gps) & ~impossible(gates, gps))[row_of_fix]
-        good &= (time > time[0] + EDGE) & (time < time[-1] - EDGE)
-        fixes, fix_epochs, self._rows = gps.rows(row_of_fix[good]), time[good], np.flatnonzero(good)
-        velocity = good & np.isfinite(gps.v_n[row_of_fix]).all(axis=1)
-        self._kind = np.where(velocity, POSITION + VELOCITY, np.where(good, POSITION, COAST))
+        usable &= (pass_quality(gates, gps) & ~impossible(gates, gps))[row_of_fix]
+        usable &= (time > time[0] + EDGE) & (time < time[-1] - EDGE)
+        fixes, fix_epochs, self._rows = gps.rows(row_of_fix[usable]), time[usable], np.flatnonzero(usable)
+        velocity = usable & np.isfinite(gps.v_n[row_of_fix]).all(axis=1)
+        self._kind = np.where(velocity, POSITION + VELOCITY, np.where(usable, POSITION, COAST))
         length = np.clip((time[-1] - time[0]) / BLOCKS, *BLOCK)
         self._block = np.repeat(((time - time[0]) / length).astype(int), np.bitwise_count(self._kind))
-        self.accepted = float(np.mean(epochs[good, KIND] == self._kind[good])) if good.any() else 0.0
+        self.accepted = float(np.mean(epochs[usable, KIND] == self._kind[usable])) if usable.any() else 0.0
         self.velocities = bool(velocity.any())
         self.blocks, self.half = np.unique(self._block).size, 0.5 * float(time[-1] - time[0])
         self.moments = receiver.lag.moments
         self._at, self._model, self.lag, self._correlated = at, ready.model, receiver.lag.value, receiver.correlated
         self._variance = np.ones((time.size, 6))
         share = 0.0 if receiver.correlated is None else receiver.correlated.share
-        self._variance[good, :3] = (1.0 - share) * fixes.position_sd**2
-        self._variance[good, 3:] = np.nan_to_num(fixes.velocity_sd**2, nan=1.0)
+        self._variance[usable, :3] = (1.0 - share) * fixes.position_sd**2
+        self._variance[usable, 3:] = np.nan_to_num(fixes.velocity_sd**2, nan=1.0)
         # the state before the measurement is the state after it plus the feedback
-        x, fed = epochs[good, STATE : STATE + 10], self._tape[8]
-        v = x[:, 3:6] + fed[good, 3:6]
+        x, fed = epochs[usable, STATE : STATE + 10], self._tape[8]
+        v = x[:, 3:6] + fed[usable, 3:6]
         covariance = epochs.shape[1] - at.states * (at.states + 1) // 2  # first column of its lower triangle
-        variance = np.sum(epochs[good][:, covariance + np.array([9, 14, 20])], axis=1)
+        variance = np.sum(epochs[usable][:, covariance + np.array([9, 14, 20])], axis=1)
         limit = GAP * np.median(variance) if variance.size else 0.0  # variances are far larger after a gap of fixes
         normal = variance <= limit
         self.moves = bool(np.sum(v[normal] ** 2) > STILL * np.sum(variance[normal]))
-        taken = np.cumsum(np.vstack([np.zeros(at.states), fed[:-1]]), axis=0)[good]
+        taken = np.cumsum(np.vstack([np.zeros(at.states), fed[:-1]]), axis=0)[usable]
         taken = np.hstack([taken, np.zeros((self._rows.size, 3))])  # zeros for index -1: the arm is no state
         lever, shaken = (receiver.lever_arm.value - taken[:, k:][:, :3] for k in (at.lever, max(at.shaken, at.lever)))
         lasting = np.zeros((self._rows.size, 6))
@@ -105,21 +105,21 @@ class LateFixes:
             decayed = np.zeros((time.size, size))
             for k, fade in enumerate(np.exp(-np.diff(time)[:, None] / receiver.correlated.times)):
                 decayed[k + 1] = (decayed[k] + fed[k, at.correlated : at.correlated + size]) * fade
-            lasting[:, :size] = -decayed[good]
+            lasting[:, :size] = -decayed[usable]
         parts = strapdown.intervals(ready.imu, ready.nominal)
         self._samples = parts.end, turned(parts)
         self._nominal, self._gravity = ready.nominal, gravity_n(gps.lla[0, 0], gps.lla[0, 2])
         begin, rph = float(time[0]), rph_from_quat(epochs[0, STATE + 6 : STATE + 10])
         bias = np.median(epochs[time.size // 2 :, CORRECTION : CORRECTION + 3], axis=0)
         track = in_motion.history(parts, begin, float(parts.end[-1]), rph, bias, gps.lla[0, 0])
-        u, c = track.u_n, dcm_from_quat(track.q_nb).reshape(-1, 9)
-        self._track = track.time, np.hstack([u, track.way, c])
+        u, attitudes = track.u_n, dcm_from_quat(track.q_nb).reshape(-1, 9)
+        self._track = track.time, np.hstack([u, track.way, attitudes])
         local = strapdown.between(*self._track, fix_epochs)[1]
         back = np.swapaxes(local[:, 6:].reshape(-1, 3, 3), 1, 2)
-        turn = (np.eye(3) - skew(fed[good, 6:9])) @ dcm_from_quat(x[:, 6:]) @ back
-        error, away = ned_offset(x[:, :3], fixes.lla) + fed[good, :3], fix_epochs - time[0] - self.half
+        turn = (np.eye(3) - skew(fed[usable, 6:9])) @ dcm_from_quat(x[:, 6:]) @ back
+        error, away = ned_offset(x[:, :3], fixes.lla) + fed[usable, :3], fix_epochs - time[0] - self.half
         self._seen = _Seen(
-            fix_epochs, away, fixes.v_n, error, v, lever, shaken, lasting, epochs[good, CORRECTION:ARM], local, turn
+            fix_epochs, away, fixes.v_n, error, v, lever, shaken, lasting, epochs[usable, CORRECTION:ARM], local, turn
         )
         self._start = first_state(ready.initial, receiver).covariance
         self._start[:NAV, :NAV] += np.diag(np.repeat(OPEN_START, 3) ** 2)
@@ -174,12 +174,12 @@ class LateFixes:
         """
         step = delays[1] - delays[0]
         delays = np.arange(delays[0] - wider, delays[-1] + wider + 0.5 * step, step)
-        until = np.cumsum(self.costs(delays), axis=1)
-        since = until[:, -1:] - until
-        last = int(np.argmin(until.min(axis=0) + since.min(axis=0)))
+        cost_until = np.cumsum(self.costs(delays), axis=1)
+        cost_since = cost_until[:, -1:] - cost_until
+        last = int(np.argmin(cost_until.min(axis=0) + cost_since.min(axis=0)))
         of_fix = self._block[np.cumsum(np.bitwise_count(self._kind))[self._rows] - 1]
         # repeat with both delays: a wrong delay in one part distorts the state in the other
-        both = np.where(of_fix <= last, delays[np.argmin(until[:, last])], delays[np.argmin(since[:, last])])
+        both = np.where(of_fix <= last, delays[np.argmin(cost_until[:, last])], delays[np.argmin(cost_since[:, last])])
         return float(costs_of(*self.innovations(both, 0.0, self.lag)).sum()) + float(np.log(self.blocks))
 
     def likeliest(self, delays: FloatArray, lags: ArrayLike, off: ArrayLike = 0.0, drift: float = 0.0) -> int:

@@ -96,7 +96,7 @@ def navigate_prepared(
     standard deviations if the record is ambiguous. `progress`: called with the fraction done.
     """
     notes = tuple[Finding, ...]()
-    held = any(isinstance(each, HeightAiding) for each in ready.aiding.measurements or ())
+    has_height = any(isinstance(each, HeightAiding) for each in ready.aiding.measurements or ())
     if aiding == "on" or (aiding == "auto" and (ready.aiding.logs or _longest_gap(ready) > GAP_WORTH)):
         first = _first_pass(ready, share_of(progress, 0.0, 0.5))
         progress = share_of(progress, 0.5, 0.5)
@@ -110,10 +110,10 @@ def navigate_prepared(
         run = widen(run)
     fixes, start, end = ready.fix_time, ready.initial.time, float(ready.imu.time[-1])
     sides = ("before", fixes < start - 1e-6, start), ("after", fixes > end + 1e-6, end)  # outside the solution
-    late = [(side, rows.sum(), time) for side, rows, time in sides if rows.any()]
-    outside = [Finding.of(Code.GPS_OUTSIDE, time, count=count, side=side) for side, count, time in late]
+    outside_fixes = [(side, rows.sum(), time) for side, rows, time in sides if rows.any()]
+    outside = [Finding.of(Code.GPS_OUTSIDE, time, count=count, side=side) for side, count, time in outside_fixes]
     run = replace(run, events=(*run.events, *outside))
-    if not heights_measured(ready.gps.lla) and not held:
+    if not heights_measured(ready.gps.lla) and not has_height:
         run = with_wider_sd(run, lambda _, sd: np.hypot(sd, UNKNOWN_HEIGHT * np.eye(9)[2]))
     return Navigated(run, ready, (*notes, *_axes(run, ready, noise_source)))
 

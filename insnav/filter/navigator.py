@@ -238,37 +238,37 @@ class Navigator:
             return
         parts = strapdown.intervals(buffer, self._nominal)
         # process intervals up to the last sample that has all its later neighbours, and gaps before it
-        stop = parts.end.shape[0] - (parts.gap[::-1] == 0.0).cumsum().searchsorted(n - ready, side="left") - 1
-        stop = parts.end.shape[0] if last else stop
+        end_row = parts.end.shape[0] - (parts.gap[::-1] == 0.0).cumsum().searchsorted(n - ready, side="left") - 1
+        end_row = parts.end.shape[0] if last else end_row
         first = int(parts.end.searchsorted(max(self._done, self._start + strapdown.TIME_TOLERANCE), side="right"))
-        if stop > first:
-            cuts = self._cuts(parts.end[first] - parts.dt[first], parts.end[stop - 1])
-            pieces = strapdown.split(parts, cuts, first, stop)
+        if end_row > first:
+            cuts = self._cuts(parts.end[first] - parts.dt[first], parts.end[end_row - 1])
+            pieces = strapdown.split(parts, cuts, first, end_row)
             inc = strapdown.increments(parts, pieces)
-            last_fix = int(self._fix_time.searchsorted(parts.end[stop - 1] + strapdown.TIME_TOLERANCE, side="right"))
+            last_fix = int(self._fix_time.searchsorted(parts.end[end_row - 1] + strapdown.TIME_TOLERANCE, side="right"))
             times = self._fix_time[self._next : last_fix]
             if times.size:
                 self._sense(times, self._late[self._next : last_fix], parts)
             self._process(inc, parts.gap[pieces[0]])
-            self._done = parts.end[stop - 1]
+            self._done = parts.end[end_row - 1]
         self._tail = buffer.rows(slice(max(0, ready - 2 * self._margin), None))
 
     def _sense(self, times: FloatArray, late: FloatArray, parts: strapdown.Intervals) -> None:
         """Compute mean rates and forces around the next fixes (k,) [s], for `felt`. `late` (k,): age of velocity."""
-        half, number = 0.5 * self._nominal, int(SEEN / self._nominal)
+        half, n_samples = 0.5 * self._nominal, int(SEEN / self._nominal)
         angles, instants, reach = turned(parts), [times], SEEN  # a velocity is the mean of these instants
-        swings = older = self._sensed[3]
+        swings = motion_since = self._sensed[3]
         if late.any():
             oldest, instants = np.abs(late).max(), [times - share * late for share in self._receiver.lag.moments]
             reach = SEEN if len(instants) == 1 else max(SEEN, oldest)
             swing_reach = max(half, oldest * (len(instants) - 1) / len(instants) ** 2)
             swings = np.mean([rates_at(instant - half, parts.end, angles, swing_reach) for instant in instants], axis=0)
-            older = np.mean([since(times, times - instant, parts) for instant in instants], axis=0)
+            motion_since = np.mean([since(times, times - instant, parts) for instant in instants], axis=0)
         # average force like velocity: another average would bias the delay towards zero
-        forces = [forces_about(instant, parts, max(1, number)) for instant in instants]
+        forces = [forces_about(instant, parts, max(1, n_samples)) for instant in instants]
         rates = [rates_at(instant, parts.end, angles, reach) for instant in instants]
         means = [each[0] if len(each) == 1 else np.mean(each, axis=0) for each in (rates, forces)]
-        self._sensed = means[0], means[1], swings, older
+        self._sensed = means[0], means[1], swings, motion_since
 
     def _process(self, inc: Increments, gap: FloatArray) -> None:
         k = int(inc.time.searchsorted(self._start + strapdown.TIME_TOLERANCE))

@@ -88,10 +88,10 @@ def prepare(
     receiver, findings = (receiver, []) if as_given else _noise_of_fixes(imu, gps, receiver, reported=reported)
     model = error_model(spec, states)
     nominal = nominal or strapdown.nominal_interval(imu.time)
-    good = good_fixes(replace(gps, time=gps.time - receiver.delay.value)) if start is None else gps
-    if start is None and (false := count_false_start(good)):
-        left_out = Finding.of(Code.ALIGN_FALSE_START, good.time[0], good.time[false], subject="gps", count=false)
-        good, notes = good.rows(slice(false, None)), (*notes, left_out)
+    usable = good_fixes(replace(gps, time=gps.time - receiver.delay.value)) if start is None else gps
+    if start is None and (false := count_false_start(usable)):
+        left_out = Finding.of(Code.ALIGN_FALSE_START, usable.time[0], usable.time[false], subject="gps", count=false)
+        usable, notes = usable.rows(slice(false, None)), (*notes, left_out)
 
     def aligned(some: ImuData, here: GpsData, *, first: bool) -> tuple[Alignment, InitialState]:
         """Align a part of the record."""
@@ -114,12 +114,12 @@ def prepare(
                 fixes = motion.at_imu(raw_fixes, intervals, findings, receiver.lever_arm.value)
         return findings, _at_fix(findings, intervals, here, model, receiver)
 
-    imu, parts, of_parts = _parts(imu, good, aligned, -np.inf if start is None else start.time)
+    imu, parts, of_parts = _parts(imu, usable, aligned, -np.inf if start is None else start.time)
     alignment, initial = parts[0].alignment, parts[0].initial
     notes = (*notes, *of_parts[:1])
     if alignment.heading_method is Code.ALIGN_HEADING_CREEPING:
         notes = (*notes, Finding.of(Code.ALIGN_HEADING_CREEPING, sd_rad=alignment.sd[2]))
-    begin = float(max(imu.time[0], good.time[0]))
+    begin = float(max(imu.time[0], usable.time[0]))
     if start is None and initial.time - begin > LONG_REST:
         notes = (*notes, Finding.of(Code.ALIGN_LATE, begin, initial.time, duration_s=initial.time - begin))
     rounding = () if as_given else rounding_changes(imu)

@@ -200,10 +200,10 @@ class Record:
         if found is not None:
             rows = np.searchsorted(time, found.time[found.used] - 1e-6)
             moved = _moved(state[rows], delay_sd)
-            both = np.ascontiguousarray(found.covariance[:, [*range(NAV), 6, 6, 7], [*range(NAV), 7, 8, 8]])
+            covariances = np.ascontiguousarray(found.covariance[:, [*range(NAV), 6, 6, 7], [*range(NAV), 7, 8, 8]])
             track, rates = self._trajectory(
                 found.time,
-                (both, both),
+                (covariances, covariances),
                 lambda time, state: correct(time, state, found.time, found.after, found.before),
                 (clock, delay_sd, ready.model.axes_sd),
                 True,

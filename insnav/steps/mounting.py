@@ -90,11 +90,11 @@ def turn_to_vehicle(
         turned = replace(data, accel=spill.by_blocks(np.negative, data.accel))
         imu, yaw, findings = turn_to_vehicle(replace(imu, data=turned), fixes, {**inputs, "accel_sign": "minus-force"})
         return imu, yaw, (reverse, *findings)
-    given = inputs.get("axes")
+    specified = inputs.get("axes")
     if estimate is None:
         from_file = bool(imu.facts.columns)  # a file, with unknown axes
-        moves = given is None and sure_motion(fixes, float(data.time[0]))[1] is not None
-        if given is None and from_file and imu.facts.axes == UPRIGHT:
+        moves = specified is None and sure_motion(fixes, float(data.time[0]))[1] is not None
+        if specified is None and from_file and imu.facts.axes == UPRIGHT:
             scale = 1.0 / float(np.median(np.diff(data.time))) if data.sampling == "increment" else 1.0
             quiet = quiet_part(data.gyro, data.accel, interval=1.0 / imu.facts.rate_hz, scale=scale)
             try:
@@ -105,13 +105,13 @@ def turn_to_vehicle(
                 imu, note = _turned(imu, axes_matrix(INVERTED), INVERTED, Code.MOUNTING_UPSIDE_DOWN)
                 return imu, 0.0, (note, X_FORWARD)
         return imu, 0.0, (X_FORWARD,) * moves
-    as_read = axes_matrix(given or imu.facts.axes or UPRIGHT)
+    as_read = axes_matrix(specified or imu.facts.axes or UPRIGHT)
     if not estimate.right_handed:
         raise refusal(estimate.of_columns(axes_matrix(letters_of(as_read))), imu.facts)
     matrix, notes, windows = estimate.to_vehicle, [], estimate.windows
     letters, turn = letters_of(matrix @ as_read), axes_matrix(estimate.letters)
     # wind and banked turns tilt the estimate, too: a leaning IMU keeps its axes unless it lies on its side
-    other_axes = estimate.letters != UPRIGHT and given is None
+    other_axes = estimate.letters != UPRIGHT and specified is None
     slanted = other_axes and (matrix @ turn.T)[2, 2] < LEANING and matrix[2, 2] > ON_ITS_SIDE
     if other_axes and not slanted:
         matrix, as_read = matrix @ turn.T, turn @ as_read
@@ -119,8 +119,8 @@ def turn_to_vehicle(
         notes.append(note)
     remaining = replace(estimate, to_vehicle=matrix)
     yaw = float(remaining.angles[2])
-    if given is not None and remaining.letters != UPRIGHT:
-        values = {"yaw_rad": yaw, "windows": windows, "given": given, **_named(letters)}
+    if specified is not None and remaining.letters != UPRIGHT:
+        values = {"yaw_rad": yaw, "windows": windows, "given": specified, **_named(letters)}
         contradiction = Finding.of(Code.MOUNTING_CONTRADICTS_GIVEN, float(data.time[0]), subject="imu", **values)
         imu = replace(imu, events=(*imu.events, contradiction))
     elif slanted or abs(yaw) > max(TURNED, 4.0 * estimate.sd):
@@ -153,16 +153,16 @@ def in_likely_axes(recording: Recording, model: Model) -> tuple[Reading[ImuData]
         return imu, 0.0, X_FORWARD
     fixes = runs[UPRIGHT].ready.gps.time.size
     limit = runs[best].misfit + LIKELIER / fixes
-    travels = {each: _travel(runs[each], QUARTERS.index(each)) for each in runs if runs[each].misfit <= limit}
-    yaw, share = travels[best]
+    travel_by_axes = {each: _travel(runs[each], QUARTERS.index(each)) for each in runs if runs[each].misfit <= limit}
+    yaw, share = travel_by_axes[best]
     # if x forward is likely, too, replace it only if all likely axes agree on the yaw to the direction of travel
-    agree = max(abs(wrap_pi(other - yaw)) for other, _ in travels.values()) < SLANTED
-    if UPRIGHT in travels and not (agree and min(share for _, share in travels.values()) > POINTED):
+    agree = max(abs(wrap_pi(other - yaw)) for other, _ in travel_by_axes.values()) < SLANTED
+    if UPRIGHT in travel_by_axes and not (agree and min(share for _, share in travel_by_axes.values()) > POINTED):
         return imu, 0.0, X_FORWARD
     if share < POINTED:
         note = Finding.of(Code.MOUNTING_TRAVEL_VARIES, subject="imu", share=share, limit_share=POINTED)
         return imu, QUARTERS.index(best) * QUARTER, note
-    nearest, by_course = round(yaw / QUARTER), UPRIGHT in travels
+    nearest, by_course = round(yaw / QUARTER), UPRIGHT in travel_by_axes
     gain = dict[str, Any]()
     if not by_course:
         gain = {"gain": fixes * (runs[UPRIGHT].misfit - runs[best].misfit), "limit_gain": LIKELIER}

@@ -50,14 +50,14 @@ def one_clock(recording: Recording, model: Model) -> tuple[Recording, Model, tup
     if offset:
         recording = _moved(recording, offset)
         imu = recording.imu
-    parts = joined(pieces(imu.data))
+    intervals = joined(pieces(imu.data))
     fixes = replace(fixes, time=fixes.time - (inputs.get("gps_delay") or 0.0))
     disjoint = overlap(imu.data, gps.data) == 0.0
     if not disjoint:  # check units first: turns in a wrong unit would fit at a wrong offset
-        _check_gyro_unit(imu, parts, fixes)
+        _check_gyro_unit(imu, intervals, fixes)
         if given is None:
-            _check_radians(gps.facts.path, parts, fixes)
-    estimate = None if given is not None else clock_offset(parts, fixes, worth=WORTH)
+            _check_radians(gps.facts.path, intervals, fixes)
+    estimate = None if given is not None else clock_offset(intervals, fixes, worth=WORTH)
     # samples and fixes in one file belong to one drive, even if noise hides the common motion
     same_file = imu.facts.path == gps.facts.path and Path(imu.facts.path).is_file()
     if isinstance(estimate, Unlike) and not disjoint and not same_file and mounting_of(imu, fixes) is None:

@@ -107,10 +107,10 @@ def _seen(speed: Velocity, begin: FloatArray, end: FloatArray) -> tuple[BoolArra
     """Find the windows in which the vehicle is certainly stationary, and the windows in which it certainly moves."""
     fast = np.linalg.norm(speed.v_n, axis=1)
     margin = np.maximum(0.5, 0.6 * float(np.median(np.diff(speed.time))))
-    first, last = np.searchsorted(speed.time, begin - margin), np.searchsorted(speed.time, end + margin)
-    has_speed = last > first
-    fastest = np.array([fast[a:b].max() if b > a else np.nan for a, b in zip(first, last, strict=True)])
-    slowest = np.array([fast[a:b].min() if b > a else np.nan for a, b in zip(first, last, strict=True)])
+    begin_row, end_row = np.searchsorted(speed.time, begin - margin), np.searchsorted(speed.time, end + margin)
+    has_speed = end_row > begin_row
+    fastest = np.array([fast[a:b].max() if b > a else np.nan for a, b in zip(begin_row, end_row, strict=True)])
+    slowest = np.array([fast[a:b].min() if b > a else np.nan for a, b in zip(begin_row, end_row, strict=True)])
     noise = 3.0 * float(np.median(speed.sd))
     return has_speed & (fastest < max(STATIONARY, noise)), has_speed & (slowest > max(MOVING, 2.0 * noise))
 
