@@ -220,9 +220,10 @@ class LinearRecord:
         after = np.roll(before - np.swapaxes(hp, 1, 2) @ gain, 1, axis=0)  # updated covariance, epoch before
         # noise of a span between epochs: its predicted covariance minus the propagated covariance
         q = before[:, :NAV, :NAV] - phi @ after[:, :STATES, :STATES] @ np.swapaxes(phi, 1, 2)
-        variance_before, variance_after = (np.diagonal(change, axis1=1, axis2=2)[:, NAV:] for change in (before, after))
+        variance_before, variance_after = (np.diagonal(each, axis1=1, axis2=2)[:, NAV:] for each in (before, after))
         qd = np.zeros((m, n + FAULTS))
         qd[1:, NAV:n] = np.maximum(variance_before - fade[:, NAV:n] ** 2 * variance_after, 0.0)[1:]
+        # remove negative eigenvalues, which are rounding errors
         values, vectors = np.linalg.eigh(0.5 * (q + np.swapaxes(q, 1, 2)))
         q = (vectors * np.maximum(values, 0.0)[:, None]) @ np.swapaxes(vectors, 1, 2)
         q[0] = 0.0
@@ -368,6 +369,7 @@ class LinearRecord:
         active = n if jumps[1][:, -FAULTS:].any() else n - FAULTS  # without faults of fixes, fault states stay zero
         variance, inner = measured[2], (system, measured, out)
         score, information, u, uu, smoothed, driven = run_back(inner, rows, active)
+        # the derivative of the cost by a log variance is the number of values minus their expected squares
         white = np.where(variance > 0.0, variance * (uu - u**2), 0.0).reshape(m, 2, 3).sum(axis=2)
         slopes = np.column_stack([white, driven])  # derivatives of the cost by log variances of position, velocity, IMU
         counts = np.column_stack([(variance > 0.0).reshape(m, 2, 3).sum(axis=2), np.full(m, NAV)])

@@ -286,41 +286,41 @@ def search_part(
     Returns the searched epochs and their search. If the next filter run does not confirm the fault, the epochs were too
     many for a linear model. The next search then adds half as many.
     """
-    count, too_few = record.time.size, len(known.best.weights) if known else FEWEST
+    count, lower = record.time.size, len(known.best.weights) if known else FEWEST
     if known is None or (known.best.steps and not known.limit):
         result = search(record, kinds, known, like, end="lost")
         if result.complete or not result.best.is_lost:
             return record, result
         known = known and replace(known, passes=result.passes)
-    if known is None or too_few == count:  # the known faults made the record nonlinear: start again
-        too_few, known = FEWEST, search(record.until(FEWEST), kinds, None, like, end="once")
+    if known is None or lower == count:  # the known faults made the record nonlinear: start again
+        lower, known = FEWEST, search(record.until(FEWEST), kinds, None, like, end="once")
         if forms_of(known.best.steps):
-            return record.until(too_few), replace(known, complete=False)
+            return record.until(lower), replace(known, complete=False)
     elif not known.limit:
-        repeated = search(record.until(too_few), kinds, replace(known, complete=False))
+        repeated = search(record.until(lower), kinds, replace(known, complete=False))
         if known.before and not dict(forms_of(known.best.steps)).keys() <= dict(forms_of(repeated.best.steps)).keys():
-            before = replace(known.before, limit=too_few, passes=repeated.passes, complete=False)
+            before = replace(known.before, limit=lower, passes=repeated.passes, complete=False)
             return record.until(len(before.best.weights)), before
         if not same(repeated.best.steps, known.best.steps):
-            return record.until(too_few), replace(repeated, complete=False, before=known.before)
+            return record.until(lower), replace(repeated, complete=False, before=known.before)
         known = repeated
     # bisect for the smallest number of first epochs that shows another fault of the IMU
-    enough, step_size, candidate = known.limit or count, 1, None
-    while enough - too_few > 1:
-        epochs = min(too_few + step_size, (too_few + enough) // 2)
+    upper, step_size, candidate = known.limit or count, 1, None
+    while upper - lower > 1:
+        epochs = min(lower + step_size, (lower + upper) // 2)
         part = search(record.until(epochs), kinds, known, like, end="once")
         known = replace(known, passes=part.passes)
         if part.best.is_lost:
-            enough, candidate = epochs, None
+            upper, candidate = epochs, None
         elif forms_of(part.best.steps) != forms_of(known.best.steps):
-            enough, candidate = epochs, part  # a new fault: try fewer epochs, as they are nearer to linear
+            upper, candidate = epochs, part  # a new fault: try fewer epochs, as they are nearer to linear
         elif candidate is not None:
             break
         else:
-            too_few, step_size = epochs, 2 * step_size
+            lower, step_size = epochs, 2 * step_size
     if candidate is not None:
-        return record.until(enough), replace(candidate, complete=False, before=known)
-    return record.until(enough), replace(search(record.until(enough), kinds, known, like), complete=enough == count)
+        return record.until(upper), replace(candidate, complete=False, before=known)
+    return record.until(upper), replace(search(record.until(upper), kinds, known, like), complete=upper == count)
 
 
 def forms_of(steps: Sequence[Step]) -> list[tuple[str, bool]]:

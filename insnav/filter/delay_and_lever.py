@@ -265,6 +265,7 @@ def _found(seen: Filtered, likelihood: LateFixes | None, alone: tuple[float, flo
     if best in (0, COARSE.size - 1):  # no maximum within the grid
         return nothing
     delays = COARSE[best] + NEAR
+    # the delay may also drift, unless a single step of the delay is more likely
     costs_near, drift = likelihood.costs(delays), 0.0
     rates = DRIFTS[np.abs(DRIFTS) < LARGEST_DRIFT * likelihood.half + FINE] / likelihood.half
     costs_by_rate = likelihood.costs(delays[[np.argmin(costs_near.sum(axis=1))]], rates).sum(axis=1)
@@ -292,7 +293,7 @@ def _found(seen: Filtered, likelihood: LateFixes | None, alone: tuple[float, flo
     scatter = float(np.sqrt(curvatures.size * np.var(slopes + to_top * curvatures, ddof=1))) / curvature
     sd = max(1.0 / float(np.sqrt(curvature)), width, scatter)
     lag, lag_sd, sum_sd = likelihood.lag, 0.0, sd
-    if likelihood.velocities:
+    if likelihood.velocities:  # average over the hypotheses with a lag (probability `share`) and without
         moments_before = likelihood.moments
         (other, along), covariance, evidence = _with_lag(likelihood, delay, drift, alone)
         share = 1.0 / (1.0 + np.exp(min(-evidence, 500.0)) * (1.0 - LAGGING) / LAGGING)
@@ -327,6 +328,7 @@ def _with_lag(
     prior_cost = 0.5 * information * (starts[:, 1] - lag_alone) ** 2
     top = starts[likelihood.likeliest(starts[:, 0], starts[:, 1], prior_cost, drift)]
     prior = np.array([REACH, LAG_SD]) ** -2.0 + [0.0, information]
+    # Gauss-Newton steps for delay and lag; the prior has a sd for both, and the lag from the fixes alone
     for _ in range(NEWTON):
         slopes, curvature = likelihood.slopes(top[0], drift, top[1], LAG_STEP)
         covariance = np.linalg.inv(curvature + np.diag(prior))

@@ -208,6 +208,7 @@ def _without_frozen_positions(gps: GpsData, imu: ImuData) -> tuple[GpsData, list
     level = np.abs(by_position[:, :2])
     step, written = np.linalg.norm(level, axis=1), float(np.min(level, initial=FROZEN, where=level != 0.0))
     jitter = np.minimum((1.0 - KEPT) * np.linalg.norm(expected, axis=1), PARKED * gps.position_sd[1:, :2].min(axis=1))
+    # steps far shorter than velocities imply count as repeated positions with jitter
     unmoved = (step == 0.0) | (step < jitter)
     repeated = (by_position == 0.0).all(axis=1) & ((np.diff(v_n, axis=0) == 0.0) | np.isnan(v_n[1:])).all(axis=1)
     travels = float(np.ptp(ned_offset(gps.lla, gps.lla[0])[:, :2], axis=0).max(initial=0.0)) > JOURNEY

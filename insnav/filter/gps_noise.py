@@ -387,7 +387,7 @@ def correlated_noise(gps: GpsData, lag: float, *, reported: bool = True) -> Corr
     largest_lag = min(LONGEST / interval, t.shape[0] / 4)
     lags = np.unique(np.geomspace(1, max(largest_lag, 2), 30).astype(int))
     variance, weight = [], []
-    for m in lags:
+    for m in lags:  # half the variance of differences over m fixes, relative to the reported variance
         same_stretch = stretch[m:] == stretch[:-m]
         if same_stretch.sum() < 20:
             continue

@@ -96,6 +96,7 @@ class LateFixes:
         limit = GAP * np.median(variance) if variance.size else 0.0  # variances are far larger after a gap of fixes
         normal = variance <= limit
         self.moves = bool(np.sum(v[normal] ** 2) > STILL * np.sum(variance[normal]))
+        # lever arms before each measurement: the initial ones minus all corrections so far
         taken = np.cumsum(np.vstack([np.zeros(at.states), fed[:-1]]), axis=0)[usable]
         taken = np.hstack([taken, np.zeros((self._rows.size, 3))])  # zeros for index -1: the arm is no state
         lever, shaken = (receiver.lever_arm.value - taken[:, k:][:, :3] for k in (at.lever, max(at.shaken, at.lever)))
@@ -106,6 +107,7 @@ class LateFixes:
             for k, fade in enumerate(np.exp(-np.diff(time)[:, None] / receiver.correlated.times)):
                 decayed[k + 1] = (decayed[k] + fed[k, at.correlated : at.correlated + size]) * fade
             lasting[:, :size] = -decayed[usable]
+        # track by gyros and accelerometers alone, which moves a fix to another time
         parts = strapdown.intervals(ready.imu, ready.nominal)
         self._samples = parts.end, turned(parts)
         self._nominal, self._gravity = ready.nominal, gravity_n(gps.lla[0, 0], gps.lla[0, 2])

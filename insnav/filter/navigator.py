@@ -272,7 +272,7 @@ class Navigator:
 
     def _process(self, inc: Increments, gap: FloatArray) -> None:
         k = int(inc.time.searchsorted(self._start + strapdown.TIME_TOLERANCE))
-        # index of the piece that ends at each fix
+        # index of the sample interval, split at fixes, that ends at each fix
         fixes, before = self._fix_time[self._next :], self._next
         pieces_at_fix = inc.time.searchsorted(fixes - strapdown.TIME_TOLERANCE)
         pieces_at_fix = pieces_at_fix[pieces_at_fix < inc.time.shape[0]]
@@ -281,7 +281,7 @@ class Navigator:
         rows += int(wanted.searchsorted(inc.time[-1] + 1.0)) - int(self._grid[2])
         out = self._record.reserve(rows, self._grid, wanted)
         samples = Samples(inc.time, inc.dt, inc.dtheta, inc.dvel, inc.coning, inc.sculling, gap)
-        for i in pieces_at_fix:
+        for i in pieces_at_fix:  # propagate to the fix, apply it, then apply aiding
             k = self._run(samples, k, int(i) + 1, True, out)
             self._update(inc.time[i], self._next - before)
             row = int(self._fix[self._next])

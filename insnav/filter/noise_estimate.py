@@ -91,6 +91,7 @@ def informed(
     by = by * scale[:, None]
     fisher, slope = (by * weight) @ by.T, -(by * weight) @ innovation
     residual = weight * (innovation + np.linalg.solve(fisher + np.eye(sd.size), slope) @ by)
+    # the scatter of the slopes of parts, at the estimate, shows whether innovations are correlated
     parts = np.array([by[:, part] @ residual[part] for part in np.array_split(np.arange(residual.size), BLOCKS)])
     scatter = BLOCKS * np.var(parts, axis=0, ddof=1) / np.maximum(np.diag(fisher), 1e-9)
     factor = 1.0 / np.sqrt(np.where(scatter > BY_CHANCE, scatter, 1.0))

@@ -101,7 +101,7 @@ def prepare(
         raw_fixes = fixes = _resting(some, here)
         intervals = strapdown.intervals(_first_part(some, raw_fixes), nominal)
         for remaining in reversed(range(ROUNDS if receiver.lever_arm.value.any() else 1)):
-            findings = align(
+            alignment = align(
                 intervals,
                 spec,
                 fixes,
@@ -111,8 +111,8 @@ def prepare(
                 lever_sd=receiver.lever_arm.sd,
             )
             if remaining:  # in a turn, the course of the antenna differs from the course of the IMU
-                fixes = motion.at_imu(raw_fixes, intervals, findings, receiver.lever_arm.value)
-        return findings, _at_fix(findings, intervals, here, model, receiver)
+                fixes = motion.at_imu(raw_fixes, intervals, alignment, receiver.lever_arm.value)
+        return alignment, _at_fix(alignment, intervals, here, model, receiver)
 
     imu, parts, of_parts = _parts(imu, usable, aligned, -np.inf if start is None else start.time)
     alignment, initial = parts[0].alignment, parts[0].initial
