@@ -50,7 +50,7 @@ CODES = {
     "delay": (Code.CHANGE_DELAY, Code.CHANGE_DELAY, "delay_s"),
 }
 SIGNED = Code.CHANGE_GYRO_FAULT, Code.CHANGE_DELAY  # findings that report the sign of the size
-SUBJECTS = {"turned": "imu", "heading": "imu", "velocity": ""}  # subject of a finding; default: GPS
+SUBJECTS = {"turned": "imu", "heading": "imu", "velocity": ""}  # subjects of findings; others: GPS
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,8 +58,8 @@ class Fault:
     """Accepted fault of a recording."""
 
     kind: Kind
-    begin: float  # [s], in the time of the samples
-    end: float  # [s]; infinite for a permanent fault
+    begin: float  # time of the begin, on the clock of the samples [s]
+    end: float  # time of the end; infinite for a permanent fault [s]
     size: FloatArray  # (d,) size along each column of the kind, as estimate minus truth
     sd: FloatArray  # (d,) standard deviation of the size
     gain: float  # decrease of the cost (-2 ln of the evidence) by this fault [-]
@@ -84,9 +84,9 @@ class Fault:
 class Tried:
     """Fault that the search has tested: a row of the fault table in the report."""
 
-    name: str  # name of its kind
-    begin: float  # [s]
-    end: float  # [s]; infinite for a permanent fault
+    name: str  # name of the kind of the fault
+    begin: float  # time of the begin [s]
+    end: float  # time of the end; infinite for a permanent fault [s]
     gain: float  # decrease of the cost, which includes the prior [-]
     prior: float  # -2 ln of the prior of the fault [-]
     unit: str  # unit for display of the size
@@ -163,7 +163,7 @@ def explain_faults(ready: FilterInput, kinds: Sequence[Kind]) -> tuple[FilterInp
                 return ready, Explanation()
             tried += considered_of(record, result)
             if not parts:
-                detectable = state_detectable(record, result.best.seen, kinds)  # in the first part only
+                detectable = state_detectable(record, result.best.seen, kinds)  # from the first part
             faults = faults_in(record, result)
             if result.complete:  # free memory; an incomplete search continues from this pass
                 result = replace(result, best=replace(result.best, seen=result.best.seen.bare()))
@@ -288,7 +288,7 @@ def state_detectable(record: LinearRecord, of: Pass, kinds: Sequence[Kind]) -> F
             of_step = of_step + columns.T @ information[later] @ columns - cross - np.swapaxes(cross, 1, 2)
         misfit = misfit_of(record, of, kind)
         least = [_least_found(each, kind, record.interval, end_cost, misfit) for each in of_step]
-        value = float(np.quantile(least, NEARLY_ALL, method="lower"))  # undetectable faults are infinite
+        value = float(np.quantile(least, NEARLY_ALL, method="lower"))  # infinite if undetectable
         if value < UNSEEN * kind.size:
             values[key] = value
     return Finding.of(Code.GPS_DETECTABLE, **values)

@@ -18,7 +18,7 @@ from insnav.config_file import Table, read_toml, scalar, validate, with_fields
 from insnav.types import FloatArray
 from insnav.units import DEG, UNITS
 
-HOUR = 3600.0  # [s]
+HOUR = 3600.0  # seconds in an hour [s]
 SPREAD = 1.2  # standard deviation of the logarithm of a size: a factor of 3.3 [-]
 ENDS = 60.0  # rate of the end of a temporary fault: faults last a minute on average [1/h]
 UNITS_OF = {  # unit of the displayed size, by the name of the state that steps

@@ -35,7 +35,7 @@ class Proposal(NamedTuple):
     """Candidate faults and their predicted gain."""
 
     gain: float  # predicted gain, less the cost of the priors [-]
-    steps: tuple[Step, ...]  # the faults
+    steps: tuple[Step, ...]  # the candidate faults, as steps in the record
 
 
 def score_kind(kind: Kind, score: FloatArray, information: FloatArray, interval: float) -> tuple[FloatArray, ...]:

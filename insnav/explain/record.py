@@ -53,9 +53,9 @@ class Step:
     """Fault in a record: a step of states just before an epoch and, if the fault ends, the opposite step later."""
 
     kind: Kind
-    begin: int  # epoch of the step
+    begin: int  # epoch before which the states step
     variance: float  # prior variance of the size along each column of the kind
-    end: int = 0  # epoch of the end; 0: the fault is permanent
+    end: int = 0  # epoch before which the fault ends; 0: the fault is permanent
 
     def moved(self, begin: int, end: int) -> Step:
         """Move the step to other epochs."""
@@ -165,7 +165,7 @@ def run_back(inner: tuple[tuple[Any, ...], ...], rows: IntArray, n: int) -> tupl
 class LinearRecord:
     """Linear error model of one filter run at its epochs."""
 
-    time: FloatArray  # (m,) epochs in sample time [s]
+    time: FloatArray  # (m,) times of the epochs, on the clock of the samples [s]
     interval: float  # usual time between epochs [s]
     system: tuple[FloatArray, ...]  # spans, transitions, fading, noise; see `insnav.kernels.linear`
     measured: tuple[FloatArray, ...]  # predicted minus measured, derivatives, corrections of the state
@@ -217,7 +217,7 @@ class LinearRecord:
         hp, both = h @ before, used[:, :, None] & used[:, None]
         s = hp @ np.swapaxes(h, 1, 2) + np.where(both, history[:, NOISE : NOISE + 36].reshape(m, 6, 6), np.eye(6))
         gain = np.linalg.solve(s, hp)
-        after = np.roll(before - np.swapaxes(hp, 1, 2) @ gain, 1, axis=0)  # updated covariance, epoch before
+        after = np.roll(before - np.swapaxes(hp, 1, 2) @ gain, 1, axis=0)  # covariance after previous update
         # noise of a span between epochs: its predicted covariance minus the propagated covariance
         q = before[:, :NAV, :NAV] - phi @ after[:, :STATES, :STATES] @ np.swapaxes(phi, 1, 2)
         variance_before, variance_after = (np.diagonal(each, axis1=1, axis2=2)[:, NAV:] for each in (before, after))

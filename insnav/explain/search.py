@@ -44,7 +44,7 @@ class Fit:
     steps: tuple[Step, ...]
     weights: FloatArray  # (m, 3) of positions, velocities and the noise of the IMU; see `WEIGHTED`
     noise: Noise
-    cost: float  # -2 ln of the evidence [-]
+    cost: float  # cost of the explanation: -2 ln of its evidence [-]
     seen: Pass  # the pass with these faults, weights and noise figures
     curve: FloatArray  # (5, 5) second derivatives of the cost by the noise figures, approximately [-]
 
@@ -58,8 +58,8 @@ class Fit:
 class Considered:
     """Tested addition of faults to a fit."""
 
-    steps: tuple[Step, ...]  # new steps, relative to the previous fit
-    gain: float  # decrease of the cost [-]
+    steps: tuple[Step, ...]  # steps that the previous fit did not have
+    gain: float  # decrease of the cost by the new steps [-]
     accepted: bool
 
 

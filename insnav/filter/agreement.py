@@ -29,18 +29,18 @@ class FixFigures:
     """Statistics of the fixes."""
 
     n: int  # number of fixes
-    rate: float  # [Hz]
-    largest_speed: float  # [m/s]
+    rate: float  # number of fixes per second [Hz]
+    largest_speed: float  # largest horizontal speed [m/s]
     with_velocity: float  # share of fixes with a velocity [-]
     with_sd: float  # share of fixes with a position sd [-]
     reported_sd: FloatArray  # (3,) median of the reported position sds, N, E, D [m]; NaN without
     scatter: FloatArray  # (3,) white part of the position errors, from third differences [m]
     velocity_lag: float  # lag of velocities behind positions [s]; NaN if not observable
-    velocity_lag_sd: float  # [s]
+    velocity_lag_sd: float  # standard deviation of the lag [s]
     false_velocities: float  # share of velocities that contradict the positions [-]
-    worst_velocity: float  # largest error of such a velocity [m/s]
+    worst_velocity: float  # largest error of a false velocity [m/s]
     jumps: int | None  # number of jumps of the position that velocities do not confirm; None if unknown
-    largest_jump: float  # [m]
+    largest_jump: float  # largest of these jumps [m]
     fix_types: Mapping[int, int]  # number of fixes of each type
 
 

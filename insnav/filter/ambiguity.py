@@ -18,8 +18,8 @@ LEAST = 0.2  # least probability of each hypothesis: the jump is then at most 2.
 class Jump(NamedTuple):
     """Lasting jump of the fixes against the solution."""
 
-    begin: float  # [s]
-    moved: FloatArray  # (3,) North, East, Down [m]
+    begin: float  # time of the first displaced fix [s]
+    moved: FloatArray  # (3,) displacement of the fixes, North, East, Down [m]
 
 
 def widen_by_jumps(run: Run, jumps: Sequence[Jump]) -> Run:
@@ -31,7 +31,7 @@ def widen_by_jumps(run: Run, jumps: Sequence[Jump]) -> Run:
 
     def wider(solution: Trajectory, sd: FloatArray) -> FloatArray:
         moved = np.array([each.moved for each in jumps])
-        shift = (solution.time[:, None] >= begin) @ moved  # displacement since the start
+        shift = (solution.time[:, None] >= begin) @ moved  # displacement of the fixes by now
         sd[:, :3] = np.sqrt(sd[:, :3] ** 2 + early * shift**2 + (1.0 - early) * (moved.sum(axis=0) - shift) ** 2)
         return sd
 

@@ -90,7 +90,7 @@ class Aligned:
     ready: FilterInput
     findings: tuple[Finding, ...]
     clock: float = 0.0  # shift of the samples to fix time at the middle of the record [s]: the estimated delay
-    rate: float = 0.0  # rate of this shift [s/s]
+    rate: float = 0.0  # rate of the shift over the record [s/s]
 
 
 @dataclass(frozen=True, slots=True)
@@ -120,7 +120,7 @@ def filtered(ready: FilterInput, *, starts: int | None = None) -> Filtered:
     receiver, lever_arm, lever_sd = ready.receiver, ready.receiver.lever_arm, ready.receiver.lever_arm.sd
     other_sd = float(np.hypot(OPENED * lever_sd, np.linalg.norm(lever_arm.value)))
     correlated = receiver.correlated
-    if correlated is not None and correlated.by_reported:  # limit the uncertain correlation time
+    if correlated is not None and correlated.by_reported:  # limit the correlation time
         correlated = replace(correlated, time=min(correlated.time, usual_time()))
     wide_arm, delay = replace(lever_arm, sd=OPENED * lever_sd, shaken=other_sd), replace(receiver.delay, settled=False)
     receiver = replace(receiver, lever_arm=wide_arm, delay=delay, correlated=correlated)
@@ -169,7 +169,7 @@ def _thinned(ready: FilterInput) -> FilterInput:
     time = ready.gps.time
     number = np.floor((time - time[0]) / (min(time[-1] - time[0], LONGEST) / FIXES) + 1e-6)
     kept = np.diff(number, prepend=-1.0) > 0.0
-    kept[np.argmin(np.abs(ready.fix_time - ready.initial.time))] = True  # the fix of the initial state
+    kept[np.argmin(np.abs(ready.fix_time - ready.initial.time))] = True  # fix of the initial state
     return replace(ready, gps=ready.gps.rows(np.flatnonzero(kept)))
 
 
@@ -226,7 +226,7 @@ def delay_of(seen: Filtered, alone: tuple[float, float] = (0.0, np.inf)) -> Foun
     likelihood = _likelihood(seen)
     if likelihood is not None and (likelihood.accepted >= TRUE_FIXES or not likelihood.moves):
         estimate = _found(seen, likelihood, alone)
-        if not estimate.least_delay_sd:  # not observable, perhaps without fixes
+        if not estimate.least_delay_sd:  # the delay is not observable
             return estimate
         best = [estimate.delay + estimate.drift * likelihood.half, estimate.drift, estimate.lag]
         cost, least = likelihood.mean_costs(*np.array([[0.0, 0.0, likelihood.lag], best]).T)
@@ -262,7 +262,7 @@ def _found(seen: Filtered, likelihood: LateFixes | None, alone: tuple[float, flo
     if likelihood is None or likelihood.blocks < BLOCKS or not likelihood.moves:  # fewer parts may agree by chance
         return nothing
     best = likelihood.likeliest(COARSE, likelihood.lag)
-    if best in (0, COARSE.size - 1):  # no maximum within the grid
+    if best in (0, COARSE.size - 1):  # the grid of delays contains no maximum
         return nothing
     delays = COARSE[best] + NEAR
     # the delay may also drift, unless a single step of the delay is more likely
@@ -409,7 +409,7 @@ def on_time(prepared: Callable[[float, float], Aligned], receiver: Receiver) -> 
     searched = replace(receiver.delay, sd=state_sd, least_sd=least_delay_sd, shown=total)
     lag = Lag(lags[0], LOOKED * lags[1] if lags[1] > WORTH else 0.0, lags[2])
     ready = replace(ready, receiver=replace(receiver, lever_arm=lever_arm, delay=searched, lag=lag))
-    if len(ready.starts) == 1:  # with the repeated start in motion
+    if len(ready.starts) == 1:  # use the improved start in motion
         ready = replace(ready, starts=best_run.ready.starts)
     lagging, estimated = abs(lags[0]) > LAG_WORTH, lags[1] > 0.0
     notes = [note for note in best.findings if lagging > estimated or note.code is not Code.GPS_VELOCITY_LAG]

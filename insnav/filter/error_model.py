@@ -44,7 +44,7 @@ class ErrorModel:
 class InitialState:
     """Initial state and covariance."""
 
-    time: float  # [s]
+    time: float  # time of the state [s]
     # (3,) latitude, longitude [rad], height [m]. Velocity N, E, D [m/s]. Roll, pitch, heading [rad], at the IMU
     lla: FloatArray
     v_n: FloatArray
@@ -68,13 +68,13 @@ class Part:
 class FilterState:
     """Complete state of the filter at one time."""
 
-    time: float  # [s]
+    time: float  # time of the state [s]
     x: FloatArray  # (10,) position, velocity, quaternion; see `insnav.kernels.mechanization`
     correction: FloatArray  # (12,) estimated sensor errors; see `insnav.kernels.errorstate`
     lever_b: FloatArray  # (3,) antenna seen from the IMU, body axes [m]
     further: FloatArray  # values of the other state blocks, in their order
     motion: FloatArray  # (6,) body rate [rad/s] and acceleration in n [m/s^2]
-    covariance: FloatArray  # (n, n) of the error states
+    covariance: FloatArray  # (n, n) covariance of the error states
 
     def replace_further(self, place: int | slice, value: float) -> FilterState:
         """Copy with a new value at an index of `insnav.kernels.measurements` from `FURTHER` on, such as `DELAY`."""

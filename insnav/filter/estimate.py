@@ -110,7 +110,7 @@ GAP_NOISE = np.array([0.1, 0.5, 0.3, 20.0])
 ATTITUDE_RESET_SD = np.deg2rad([6.0, 6.0, 10.0])
 BIAS_RESET_SD = np.array([*np.deg2rad([0.5, 0.5, 0.5]), 0.2, 0.2, 0.2])  # bias sd added at a reset [rad/s], [m/s^2]
 VELOCITY_RESET_SD = 5.0  # velocity sd added at a reset by fixes without velocity [m/s]
-NONE = np.empty(0)  # instead of a row of the history
+NONE = np.empty(0)  # empty row, if the run keeps no history for the smoother
 RESET_FACTOR = 3.0  # factor on the sd of the fix at a reset: many fixes before it were rejected
 
 

@@ -58,12 +58,12 @@ class Explained:
 class FilterInput:
     """Recording that is aligned and ready for the filter."""
 
-    imu: ImuData  # samples, calibrated
+    imu: ImuData  # samples of the IMU, after calibration
     gps: GpsData  # fixes, with a standard deviation for every value
-    model: ErrorModel  # noise of the sensors
+    model: ErrorModel  # noise of the sensors and of their errors
     starts: tuple[Part, ...]  # the first start, and a restart after each long gap of the samples
-    nominal: float  # sampling interval [s]
-    receiver: Receiver = field(default_factory=Receiver)  # also lag, jitter and correlated errors
+    nominal: float  # nominal sampling interval of the IMU [s]
+    receiver: Receiver = field(default_factory=Receiver)  # lever arm, delay and errors
     gates: Gates = field(default_factory=Gates)
     aiding: Aiding = field(default=Aiding())
     output: Output = field(default_factory=Output)

@@ -28,8 +28,8 @@ COARSE_SHARE, COARSE_TIME = 0.1, 10.0  # length of the first, coarse alignment: 
 class FineAlignment:
     """Alignment of a stationary record."""
 
-    coarse: Alignment  # from the means of the whole record
-    fine: Alignment | None  # by the filter, at the end of the record; None if Earth rotation is not observable
+    coarse: Alignment  # alignment from the means of the whole record
+    fine: Alignment | None  # alignment by the filter, at the end; None without observable Earth rotation
     sensor_latitude: float  # latitude from the sensors alone [rad]
     latitude: float  # specified latitude [rad]
 

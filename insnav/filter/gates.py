@@ -116,7 +116,7 @@ def aside(gates: Gates, gps: GpsData) -> BoolArray:
     Up to `IN_A_ROW` successive fixes are found. The fixes around them must be collinear, unlike at a lasting jump.
     """
     aside_fixes = np.zeros(gps.time.size, dtype=np.bool_)
-    remaining = np.flatnonzero(gps.valid)  # invalid fixes may be anywhere
+    remaining = np.flatnonzero(gps.valid)  # leave out invalid fixes, which may be anywhere
     while (false := _beside(gates, gps.rows(remaining))).any():  # repeat: a false fix masks others
         aside_fixes[remaining[false]], remaining = True, remaining[~false]
     return aside_fixes
@@ -137,7 +137,7 @@ def _beside(gates: Gates, gps: GpsData) -> BoolArray:
 
     # series of `length` fixes off the line between their neighbours, which are collinear with the fixes around
     for length in range(1, IN_A_ROW + 1):
-        first = np.arange(1, time.size - length - 2)  # the nearer of two earlier fixes
+        first = np.arange(1, time.size - length - 2)  # row of the fix before the series
         last = first + length + 1
         distance, limit = np.array([off(first + k, first, last) for k in range(1, length + 1)]).swapaxes(0, 1)
         aligned = np.minimum(off(first, first - 1, last)[0], off(last, first, last + 1)[0])
@@ -172,7 +172,7 @@ def whole_record(
     )
 
 
-UNUSABLE = 1e4  # standard deviation of invalid positions [m]
+UNUSABLE = 1e4  # standard deviation that marks a position as invalid [m]
 # A repeated position is frozen if velocities imply a larger distance. With jitter: [m]. Without: [m], and resolutions
 FROZEN, SAME, STEPS = 30.0, 3.0, 10.0
 KEPT = 0.9  # share of the velocity steps that must cover this distance; jitter is at most 1 - `KEPT` of a step

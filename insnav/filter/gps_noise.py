@@ -23,7 +23,7 @@ from insnav.strapdown import Intervals
 from insnav.types import BoolArray, FloatArray, GpsData
 from insnav.units import DEG
 
-POSITION_FLOOR, VELOCITY_FLOOR = 0.03, 0.05  # smallest standard deviation assumed [m], [m/s]
+POSITION_FLOOR, VELOCITY_FLOOR = 0.03, 0.05  # least assumed sd of position [m], velocity [m/s]
 ALIKE = 2.0  # assumed ratio of the whole error to the fix-to-fix scatter, if no sd is reported [-]
 AT_ONCE = 1 << 16  # numbers per component that are sorted at a time
 WINDOW = 10.0  # half width of the scatter window: a shorter one is noisy, a longer one misses a tunnel's end [s]
@@ -228,9 +228,9 @@ def with_sd(gps: GpsData, *, scatter_alone: bool = True) -> tuple[GpsData, tuple
     """
     notes = []
     position_sd, velocity_sd = gps.position_sd, gps.velocity_sd
-    measured = 3 if heights_measured(gps.lla) else 2  # number of components
+    measured = 3 if heights_measured(gps.lla) else 2  # number of measured components
     missing: BoolArray = np.isnan(position_sd)
-    partly = missing & ~missing.all(axis=1, keepdims=True)  # no sd, but other components have one
+    partly = missing & ~missing.all(axis=1, keepdims=True)  # some components lack an sd
     if missing.any():
         carrier, code = CARRIER, Code.GPS_POSITION_SD_SCATTER
         if not scatter_alone:
@@ -248,7 +248,7 @@ def with_sd(gps: GpsData, *, scatter_alone: bool = True) -> tuple[GpsData, tuple
     if digits := _digits(gps.lla):
         step = 10.0**-digits * DEG * A * np.array([1.0, math.cos(float(gps.lla[0, 0])), 0.0])
         if (position_sd < step / math.sqrt(12.0)).any():
-            position_sd = np.maximum(position_sd, step / math.sqrt(12.0))  # sd of a uniform error
+            position_sd = np.maximum(position_sd, step / math.sqrt(12.0))  # sd of rounding
             least = step[:2].max() / math.sqrt(12.0)
             notes.append(Finding.of(Code.GPS_ROUNDED_POSITION, sd_m=least, step_m=step[0], decimals=digits))
     if gps.fix is not None:
@@ -288,7 +288,7 @@ def with_sd(gps: GpsData, *, scatter_alone: bool = True) -> tuple[GpsData, tuple
 
 
 LONGEST = 400.0  # longest time difference at which position errors are compared [s]
-TIMES = np.geomspace(3.0, 300.0, 25)  # correlation times tried [s]
+TIMES = np.geomspace(3.0, 300.0, 25)  # tested correlation times [s]
 WORTH = 0.1  # least share of the variance with an effect on the filter [-]
 FEWEST = 100  # least number of fixes to determine a correlation time
 ROUGH = 0.05  # largest error of integrated velocity between fixes, in position sds [-]
@@ -297,7 +297,7 @@ WORTH_REPORTED = 0.3  # least missing share of the reported variance that counts
 MISFIT = 1.3  # largest misfit, relative to white errors alone, to accept the reported variance as true [-]
 SHORTEST_REPORTED = 10.0  # shortest correlation time of a missing part: a shorter one would be visible [s]
 TOO_MUCH = 3.0  # largest ratio of apparent to reported variance: a larger one has other causes [-]
-LARGEST_SHARE = 0.95  # part of the error is always white [-]
+LARGEST_SHARE = 0.95  # largest time-correlated share: part of the error is always white [-]
 BETTER = 0.8  # largest misfit with a correlated part, relative to white errors alone, to accept that part [-]
 CHI2_MEDIAN = 0.4549  # median of chi-square with one degree of freedom
 
@@ -307,7 +307,7 @@ class CorrelatedNoise:
     """Time-correlated (Gauss-Markov) errors of position and, if detected, of velocity."""
 
     share: float  # time-correlated share of the position variance [-]
-    time: float  # correlation time [s]
+    time: float  # correlation time of the position error [s]
     sd: FloatArray  # (3,) standard deviation of the time-correlated position error, North, East, Down [m]
     by_reported: bool = False  # inferred only from scatter smaller than the reported variance
     velocity_sd: FloatArray | None = None  # (3,) sd of the time-correlated velocity error [m/s]; None without
@@ -333,7 +333,7 @@ class CorrelatedNoise:
 class Rough:
     """Interval of multipath, with more driving noise of the time-correlated position error."""
 
-    begin: float  # [s]
+    begin: float  # begin and end of the interval [s]
     end: float
     driven: float  # root of the spectral density of the driving noise, each axis [m/sqrt(s)]
     time: float  # correlation time of the error [s]

@@ -51,10 +51,10 @@ class _Seen(NamedTuple):
     time: FloatArray  # time of the epoch [s]
     away: FloatArray  # time of the epoch after the middle of the record [s]
     v_n: FloatArray  # measured velocity [m/s]
-    off: FloatArray  # position, predicted minus measured [m]
+    off: FloatArray  # position of the IMU minus measured position [m]
     v: FloatArray  # velocity of the state [m/s]
-    lever: FloatArray  # lever arm [m]
-    shaken: FloatArray  # lever arm of the vibration [m]
+    lever: FloatArray  # lever arm estimated so far [m]
+    shaken: FloatArray  # lever arm of the vibration estimated so far [m]
     lasting: FloatArray  # time-correlated error that was fed back, (k, 6) [m], [m/s]
     bias: FloatArray  # estimated sensor errors (k, 12)
     here: FloatArray  # track integrated from gyros and accelerometers alone (k, 15)
@@ -125,7 +125,7 @@ class LateFixes:
         )
         self._start = first_state(ready.initial, receiver).covariance
         self._start[:NAV, :NAV] += np.diag(np.repeat(OPEN_START, 3) ** 2)
-        # allocate once for all delays
+        # allocate the arrays once: all delays fill the same ones
         self._out, self._z, self._h = (
             np.zeros(each) for each in ((2, 6 * time.size), (time.size, 6), (time.size, 6, at.states))
         )

@@ -39,9 +39,9 @@ DENSE = 0.1  # solution interval to calibrate aiding, and to compare with fixes 
 class Navigated:
     """Result of a navigation, with its input and findings."""
 
-    run: Run  # the result
+    run: Run  # solution and innovations of the run
     ready: FilterInput  # input of the filter, including the calibrated aiding
-    notes: tuple[Finding, ...] = ()  # findings without a time
+    notes: tuple[Finding, ...] = ()  # findings that concern the whole drive
 
     @property
     def findings(self) -> tuple[Finding, ...]:

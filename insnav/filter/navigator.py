@@ -84,7 +84,7 @@ class Navigator:
         none = np.empty((0, 3))
         self._sensed, self._motion = (none, none, none, none), np.zeros(25)  # inputs of `felt`
         noise = float(model.noise[:3].sum()) / nominal
-        mean = 0.5 * nominal / SEEN  # noise variance is smaller in a mean
+        mean = 0.5 * nominal / SEEN  # ratio of the noise variance of a mean to one sample's
         self._motion[9:11] = mean * NOISY**2 * noise, FAR_BEYOND**2 * noise
         if len(lag.moments) > 1:  # averaged velocities: the response to fast turns is unknown, so the arm ignores them
             self._motion[10] = np.inf
@@ -107,7 +107,7 @@ class Navigator:
         receiver_fix = np.full(gps.time.shape[0], True) if gps.fix is None else gps.fix != gate.OF_REFERENCE
         # age of the velocities [s]; a small lag is zero here, as linear states suffice for it
         self._late = receiver_fix[later] * (lag if abs(lag) > LAG_WORTH else 0.0)
-        # first unprocessed fix
+        # index of the first fix that is not yet processed
         done = max(self._done, self._start) + strapdown.TIME_TOLERANCE
         self._next = int(np.searchsorted(self._fix_time, done, side="right"))
 
@@ -311,7 +311,7 @@ class Navigator:
         estimate = self._estimate
         estimate.predict(time)
         late, index = self._late[self._next], estimate.at
-        still = stays(self._ready.alignment, time)  # treat all rotation as noise
+        still = stays(self._ready.alignment, time)  # then all measured rotation is noise
         felt(estimate.all, *self._sensed, number, late, index.has_arm, still, self._motion)
         row = self._fix[self._next]
         z, h, r = self._z, self._h, self._r

@@ -160,7 +160,7 @@ class NoiseFigure:
     """Estimated noise parameter, with its prior and interval."""
 
     key: str  # dotted name, such as ``gyro.random_walk`` or ``gps.share``
-    unit: str  # display unit
+    unit: str  # unit for display of the parameter
     # prior (nearest grade), estimate, and its 95 % interval [SI]; RMS of the axes, or factors on reported sds
     prior: float
     value: float
@@ -179,7 +179,7 @@ class NoiseEstimate:
     position_factor: FloatArray  # (3,) factors on position standard deviations, North, East, Down [-]
     velocity_factor: FloatArray  # (3,) factors on velocity standard deviations [-]
     correlated: CorrelatedNoise  # time-correlated part of the position error
-    figures: tuple[NoiseFigure, ...]  # estimates with intervals
+    figures: tuple[NoiseFigure, ...]  # estimated parameters, with intervals
     gain: float  # increase of the log-likelihood over the prior
     # mean square of the normalised innovations with the prior, and with the estimate [-]
     mean_before: float

@@ -40,12 +40,12 @@ START_VELOCITY_SD = 0.1  # velocity of the antenna relative to the IMU at the st
 class Start:
     """Initial state specified by the user."""
 
-    time: float  # [s]
+    time: float  # time of the initial state [s]
     # (3,) latitude, longitude [rad], height [m]. Velocity N, E, D [m/s]. Roll, pitch, heading [rad]
     lla: FloatArray
     v_n: FloatArray
     rph: FloatArray
-    # (3,) standard deviations [m], [m/s], [rad]
+    # (3,) standard deviations of position [m], velocity [m/s], attitude [rad]
     position_sd: FloatArray
     velocity_sd: FloatArray
     attitude_sd: FloatArray
@@ -56,7 +56,7 @@ class GivenStart:
     """Inputs to the alignment that the user specified. The data determine the missing ones."""
 
     state: Start | None = None
-    static_span: tuple[float, float] | None = None  # stationary interval [s]
+    static_span: tuple[float, float] | None = None  # begin and end of a stationary interval [s]
     heading: float | None = None  # heading at the start [rad]
     mounting_yaw: float = 0.0  # of the IMU, positive to the right [rad]; see `insnav.alignment.mounting`
 

@@ -17,8 +17,8 @@ DELAY_SD = 0.05  # prior sd of an unspecified delay: agreement of receiver and l
 class LeverArm:
     """Antenna seen from the IMU, body axes; a state of the filter if its standard deviation is above zero."""
 
-    value: FloatArray = field(default_factory=lambda: np.zeros(3))  # (3,) [m]
-    sd: float = 0.0  # of each component [m]
+    value: FloatArray = field(default_factory=lambda: np.zeros(3))  # (3,) lever arm [m]
+    sd: float = 0.0  # initial standard deviation of each component [m]
     source: Source = "given"
     shaken: float = 0.0  # sd of the vibration arm minus the lever arm [m]; see `error_model.blocks_of`
 
@@ -27,8 +27,8 @@ class LeverArm:
 class Delay:
     """Age of the fixes at their timestamps. If `sd` is above zero, it is a state, and the solution is in fix time."""
 
-    value: float = 0.0  # [s]
-    sd: float = 0.0  # [s]
+    value: float = 0.0  # specified or assumed delay [s]
+    sd: float = 0.0  # initial standard deviation of the delay state [s]
     source: Source = "given"
     # lower limit of the reported sd, and delay by the search beyond `value` [s]; see `Estimate.least_delay_sd`
     least_sd: float = 0.0
@@ -40,8 +40,8 @@ class Delay:
 class Lag:
     """Lag of the velocity of a fix behind its position; see `insnav.filter.delay_and_lever.delay_of`."""
 
-    value: float = 0.0  # [s]
-    sd: float = 0.0  # [s]
+    value: float = 0.0  # lag of the velocity [s]
+    sd: float = 0.0  # initial standard deviation of the lag state; zero: no state [s]
     moments: tuple[float, ...] = (1.0,)  # instants averaged to a velocity: times before the fix, in lags [-]
 
 

@@ -51,7 +51,7 @@ class Record:
     def __init__(self, fixes: int, rate_sd: FloatArray | None = None) -> None:
         self._rate_sd = rate_sd  # (3,) sd of gyro rates, if poses are wanted [rad/s]
         self._rooms: list[Outputs] = []  # allocated tables of outputs
-        self._epochs, self._epoch = np.empty((fixes + 2, 26)), 0  # time, variances before and after measurements, delay
+        self._epochs, self._epoch = np.empty((fixes + 2, 26)), 0  # time, variances before and after updates, delay
         self._events: list[Finding] = []
         self._aiding: dict[tuple[str, str], list[tuple[float, float, float]]] = {}
         self._count = 0

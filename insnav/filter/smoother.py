@@ -13,14 +13,14 @@ from insnav.kernels.dynamics import NAV
 from insnav.kernels.errorstate import SENSOR, STATES
 from insnav.types import BoolArray, FloatArray
 
-ROWS = 2048  # epochs in a block of the history
+ROWS = 2048  # number of epochs in a block of the history
 
 
 @dataclass(frozen=True, slots=True)
 class SmoothedErrors:
     """Errors of the filter at its epochs, as estimated by the smoother."""
 
-    time: FloatArray  # (m,) [s]
+    time: FloatArray  # (m,) times of the epochs [s]
     state: FloatArray  # (m, 10) filter's state after the measurement; see `insnav.kernels.mechanization`
     correction: FloatArray  # (m, 12) sensor errors estimated by the filter
     used: BoolArray  # (m,) true if a fix was accepted at the epoch
@@ -68,7 +68,7 @@ class History:
 
     def aiding(self, part: slice, z: FloatArray, h: FloatArray, r: FloatArray) -> None:
         """Store the accepted rows of an aiding measurement at the last epoch."""
-        used_rows = (1 << part.stop) - (1 << part.start)  # one bit per row
+        used_rows = (1 << part.stop) - (1 << part.start)  # bit mask: one bit per filled row
         kernel.keep_measurement(self.last, used_rows, kernel.AIDING, z, h, r)
 
     def restart(self, time: float, x: FloatArray, correction: FloatArray, arm: FloatArray, p: FloatArray) -> None:

@@ -91,7 +91,7 @@ class Estimate:
     """Value with its standard deviation and source."""
 
     value: float
-    sd: float  # 0 for a value that the filter does not estimate
+    sd: float  # standard deviation; 0 for a value that the filter does not estimate
     source: Source
 
 
@@ -99,10 +99,10 @@ class Estimate:
 class Task:
     """Options for the navigation step; see `insnav.session.drive.Drive.navigate`."""
 
-    states: int = 21  # or 15, without scale factor errors
+    states: int = 21  # number of filter states: 21, or 15 without scale factor errors
     aiding: AidingChoice = "auto"
-    output: Output | None = None  # by default a smoothed solution every 0.1 s
-    progress: Callable[[float], None] | None = None  # called with the fraction done
+    output: Output | None = None  # outputs; by default a smoothed solution every 0.1 s
+    progress: Callable[[float], None] | None = None  # function called with the fraction done
 
 
 @dataclass(frozen=True, slots=True)
@@ -114,12 +114,12 @@ class Model:
     # yaw of the IMU in the vehicle, positive to the right [rad]; its source is the source of the vehicle axes
     mounting_yaw: Estimate = field(default=Estimate(0.0, 0.0, "given"))
     task: Task = field(default_factory=Task)
-    ready: FilterInput | None = None  # aligned input of the filter
+    ready: FilterInput | None = None  # input of the filter, after the alignment
     clock: Estimate = field(default=Estimate(0.0, 0.0, "given"))  # shift of the samples to fix time [s]
     noise: NoiseEstimate | None = None  # noise of IMU and fixes, from the innovations
     found: Mapping[str, tuple[Finding, ...]] = field(default_factory=dict)  # findings of each step's last run
-    explanation: Explanation | None = None  # faults of the recording
-    solved: Navigated | None = None  # the solution
+    explanation: Explanation | None = None  # faults found in the recording
+    solved: Navigated | None = None  # solution of filter and smoother
     evaluated: EvaluatedRun | None = None  # solution compared with the reference
 
     @property
@@ -143,7 +143,7 @@ def run_steps(
     names: Sequence[str], recording: Recording, model: Model
 ) -> tuple[Recording, Model, tuple[StepRecord, ...]]:
     """Run the named steps in order, announce each to the progress display, and record its findings and duration."""
-    from insnav.result import StepRecord  # heavy import, therefore late
+    from insnav.result import StepRecord  # import late, as it is slow
 
     records = []
     for name in names:

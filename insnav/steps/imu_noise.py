@@ -36,7 +36,7 @@ def imu_noise(recording: Recording, model: Model) -> tuple[Recording, Model, tup
 def raise_given(spec: ImuSpec, imu: ImuData, rest: tuple[float, float]) -> tuple[ImuSpec, tuple[Finding, ...]]:
     """Raise a specification that the gyros at rest contradict, and report it. `rest`: stationary interval [s]."""
     gyro, accel = white_noise(imu, *rest)
-    noise, given = float(gyro.min()), float(spec.gyro.random_walk.min())  # axis of least vibration
+    noise, given = float(gyro.min()), float(spec.gyro.random_walk.min())  # axis with least vibration
     mean, rounded = mean_rate(imu, *rest)
     excess = rate_excess(mean)
     biased = excess > UNLIKE * np.hypot(spec.gyro.bias, rounded).max()

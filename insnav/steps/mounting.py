@@ -92,7 +92,7 @@ def turn_to_vehicle(
         return imu, yaw, (reverse, *findings)
     specified = inputs.get("axes")
     if estimate is None:
-        from_file = bool(imu.facts.columns)  # a file, with unknown axes
+        from_file = bool(imu.facts.columns)  # samples from a file, whose axes are unknown
         moves = specified is None and sure_motion(fixes, float(data.time[0]))[1] is not None
         if specified is None and from_file and imu.facts.axes == UPRIGHT:
             scale = 1.0 / float(np.median(np.diff(data.time))) if data.sampling == "increment" else 1.0

@@ -72,10 +72,10 @@ def mounting(v_b: FloatArray, rate: FloatArray, step: float) -> Mounting:
 class FirstPass:
     """Drive with its smoothed solution, all in the time of the IMU samples, to calibrate aiding measurements."""
 
-    solution: Trajectory  # smoothed, with several rows per second
-    imu: ImuData  # samples
-    gps: GpsData  # fixes
-    spec: ImuSpec  # IMU error specification
+    solution: Trajectory  # smoothed solution, with several rows per second
+    imu: ImuData  # samples of the IMU
+    gps: GpsData  # fixes, shifted to the time of the samples
+    spec: ImuSpec  # error specification of the IMU
     logs: Mapping[str, SensorLog] = field(default_factory=dict)  # logs of further sensors, by name
 
     @cached_property
@@ -143,7 +143,7 @@ class FilterView:
     # (10,) state, see `insnav.kernels.mechanization`, after the measurements so far at the present time
     x: FloatArray
     correction: FloatArray  # (12,) estimated sensor errors
-    rate: FloatArray  # (3,) body rate, corrected [rad/s]
+    rate: FloatArray  # (3,) body rate, corrected for sensor errors [rad/s]
     mean_gyro: FloatArray  # (3,) mean raw gyro output over the interval [rad/s]
     speed: float  # horizontal speed before the first measurement at the present time [m/s]
 
@@ -258,7 +258,7 @@ def clock_offset(time: FloatArray, speed: FloatArray, log_time: FloatArray, log_
         best = int(np.argmax(np.where(similar, correlation, -1.0)))
     before, peak, after = correlation[np.clip([best - 1, best, best + 1], 0, correlation.size - 1)]
     curvature = before - 2.0 * peak + after
-    vertex = 0.5 * (before - after) / curvature if curvature < 0.0 else 0.0  # of the parabola
+    vertex = 0.5 * (before - after) / curvature if curvature < 0.0 else 0.0  # of a parabola
     return float(offset[best] + vertex * STEP)
 
 

@@ -186,7 +186,7 @@ class Odometer:
     speed: FloatArray
     to_vehicle: FloatArray  # (3, 3), and point on the axle (3,) [m], as in `NonHolonomic`
     lever_b: FloatArray
-    sd: FloatArray  # (1,) standard deviation [m/s]
+    sd: FloatArray  # (1,) standard deviation of the speed [m/s]
 
     order: ClassVar[int] = 30
     name: ClassVar[str] = "odometer"
@@ -276,7 +276,7 @@ class Speedometer(Odometer):
         outliers = _outliers(first.forward, recorded, rows)
         if (share := float(outliers.sum() / rows.sum())) > MOST_OUTLIERS:
             return None, Finding.of(Code.SPEEDOMETER_OUTLIERS, share=share, limit_share=MOST_OUTLIERS)
-        rows &= ~_spread(outliers, round(2.0 * LOG_LAGS[-1] / first.step))  # and rows within the longest lag
+        rows &= ~_spread(outliers, round(2.0 * LOG_LAGS[-1] / first.step))  # and rows less than a lag away
         fit, note = cls.fitted(first, rows, time, speed, offset + LOG_LAGS)
         if fit is not None and "sd" in log.values:
             reported = float(np.nanmedian(log.values["sd"][finite]))
@@ -302,7 +302,7 @@ class Heading:
 
     time: FloatArray  # (n,) times [s] and heading [rad]; ``NaN`` where unknown
     heading: FloatArray
-    sd: FloatArray  # (1,) standard deviation [rad]
+    sd: FloatArray  # (1,) standard deviation of the heading [rad]
 
     order: ClassVar[int] = 0
     name: ClassVar[str] = "heading"
@@ -333,7 +333,7 @@ class HeightAiding:
 
     time: FloatArray  # (n,) times [s] and height above the ellipsoid [m]
     height: FloatArray
-    sd: FloatArray  # (1,) standard deviation [m]
+    sd: FloatArray  # (1,) standard deviation of the height [m]
 
     order: ClassVar[int] = 10
     name: ClassVar[str] = "height"
@@ -343,7 +343,7 @@ class HeightAiding:
     def observe(self, at: FilterView, z: FloatArray, h: FloatArray) -> slice:
         """See `Measurement`."""
         h[0] = 0.0
-        h[0, 2] = -1.0  # the position error is North, East, Down
+        h[0, 2] = -1.0  # height is the negative of the position component down
         z[0] = at.x[2] - float(np.interp(at.time, self.time, self.height))
         return slice(0, 1)
 
