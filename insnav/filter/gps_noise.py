@@ -404,8 +404,7 @@ def correlated_noise(gps: GpsData, lag: float, *, reported: bool = True) -> Corr
     fits = [_fit(x, y, scale, float(each)) for each in TIMES]
     misfit, time, (white, correlated, _) = min(fits, key=lambda found: found[0])
     total = white + correlated
-    # accept the correlated part if it improves the fit, the total agrees with the reported variance, and the data cover
-    # five correlation times
+    # accept the correlated part if it fits better, the total agrees with the reported sd, and the record is long enough
     visible = TIMES[0] < time <= x[-1] / 5.0 and WHOLE < total <= TOO_MUCH
     by_reported = not (visible and misfit <= BETTER * white_only and correlated >= max(0.05, WORTH * total))
     if by_reported:

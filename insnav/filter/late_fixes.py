@@ -1,10 +1,9 @@
 """Likelihood of fixes as a function of their delay, with all other states estimated for each delay.
 
-The filter has run once, with every fix at the epoch of its timestamp. The innovation of the same fix at another time is
-linear in the error states. Its terms are velocity error times time difference, tilt times specific force, and the
-rotated lever arm. One pass of covariance algebra gives these innovations (`insnav.kernels.noise_likelihood`) for any
-delay, without the delay state of the filter. Lever arm, attitude and biases depend on the delay, so they are estimated
-again, from an uncertain start.
+The filter runs once, with every fix at its timestamp. The innovation of the same fix at another time is linear in the
+error states. Its terms are velocity error times time difference, tilt times specific force, and the rotated lever arm.
+One pass of covariance algebra gives these innovations (`insnav.kernels.noise_likelihood`) for any delay, without the
+delay state of the filter. Lever arm, attitude and biases, which depend on the delay, are estimated again.
 """
 
 from __future__ import annotations

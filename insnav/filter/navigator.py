@@ -229,6 +229,7 @@ class Navigator:
         return self._estimate.history
 
     def _advance(self, imu: ImuData | None, *, last: bool) -> None:
+        # process the waiting and the new samples, except the newest ones if more samples follow
         buffer = self._tail if imu is None else imu if self._tail is None else self._tail.joined(imu)
         assert buffer is not None
         n = buffer.time.shape[0]
@@ -271,6 +272,7 @@ class Navigator:
         self._sensed = means[0], means[1], swings, motion_since
 
     def _process(self, inc: Increments, gap: FloatArray) -> None:
+        # run the filter over increments that end at samples, fixes and wanted times
         k = int(inc.time.searchsorted(self._start + strapdown.TIME_TOLERANCE))
         # index of the sample interval, split at fixes, that ends at each fix
         fixes, before = self._fix_time[self._next :], self._next

@@ -57,7 +57,7 @@ UNITS_SHOWN = {
 }
 # start values: log odds of the time-correlated share of position errors, and logarithm of their correlation time [s]
 STARTS = [np.log([share / (1.0 - share), time]) for time in (8.0, 40.0, 150.0) for share in (0.1, 0.5, 0.85)]
-# Start values of a time-correlated velocity error: logarithms of its share and correlation time [s]. The error is
+# Start values of a time-correlated velocity error: logarithms of relative sd and correlation time [s]. The error is
 # accepted for this gain of the log-likelihood: 10 for both parameters (half the logarithm of the number of innovations
 # each), and a margin of 10. A minute of drifting positions gains 15.
 VELOCITY_STARTS = np.log([(share, time) for time in (30.0, 150.0) for share in (0.1, 0.3)])

@@ -42,7 +42,7 @@ class ZeroVelocity:
     excluded_by: ClassVar[frozenset[str]] = frozenset()
 
     def observe(self, at: FilterView, z: FloatArray, h: FloatArray) -> slice:
-        """See `Measurement`."""
+        """Compare velocity and angular rate with zero during a stop; see `Measurement.observe`."""
         row = int(np.searchsorted(self.stops[:, 0], at.begin, side="right")) - 1
         if row < 0 or at.time > float(self.stops[row, 1]):
             return NOTHING
@@ -51,7 +51,7 @@ class ZeroVelocity:
 
     @classmethod
     def from_drive(cls, first: FirstPass) -> tuple[Self | None, Finding | None]:
-        """See `Measurement`."""
+        """Detect the stops of the drive; see `Measurement.from_drive`."""
         stops, rate_sd, note = find_stops(first.imu, first.speed, first.spec)
         return (cls(stops, np.array([*[VELOCITY_SD] * 3, *rate_sd])) if stops.size else None), note
 
@@ -140,7 +140,7 @@ class NonHolonomic:
 
     @classmethod
     def from_drive(cls, first: FirstPass) -> tuple[Self | None, Finding | None]:
-        """See `Measurement`."""
+        """Estimate the vehicle axes and the sd of the constraint; see `Measurement.from_drive`."""
         axes = first.mounting
         if axes is None:
             return None, Finding.of(
@@ -194,7 +194,7 @@ class Odometer:
     excluded_by: ClassVar[frozenset[str]] = frozenset({"zupt"})
 
     def observe(self, at: FilterView, z: FloatArray, h: FloatArray) -> slice:
-        """See `Measurement`."""
+        """Compare the forward speed with the recorded speed; see `Measurement.observe`."""
         row = int(np.clip(np.searchsorted(self.time, at.time), 1, self.time.shape[0] - 1))
         close = self.time[row] - self.time[row - 1] <= LONGEST_GAP and abs(self.time[row] - at.time) <= LONGEST_GAP
         if at.speed < SLOWEST or not close:
@@ -205,7 +205,7 @@ class Odometer:
 
     @classmethod
     def from_drive(cls, first: FirstPass) -> tuple[Self | None, Finding | None]:
-        """See `Measurement`."""
+        """Calibrate the odometer column of the IMU file; see `Measurement.from_drive`."""
         if first.imu.odometer is None or first.mounting is None or not first.mounting.holds:
             return None, None
         rows = np.isfinite(first.imu.odometer)
@@ -310,7 +310,7 @@ class Heading:
     excluded_by: ClassVar[frozenset[str]] = frozenset()
 
     def observe(self, at: FilterView, z: FloatArray, h: FloatArray) -> slice:
-        """See `Measurement`."""
+        """Compare the heading with the recorded heading nearest in time; see `Measurement.observe`."""
         row = int(nearest_rows(self.time, at.time))
         if not abs(self.time[row] - at.time) < 0.5 * INTERVAL or not np.isfinite(self.heading[row]):
             return NOTHING
@@ -341,7 +341,7 @@ class HeightAiding:
     excluded_by: ClassVar[frozenset[str]] = frozenset()
 
     def observe(self, at: FilterView, z: FloatArray, h: FloatArray) -> slice:
-        """See `Measurement`."""
+        """Compare the height with the recorded height; see `Measurement.observe`."""
         h[0] = 0.0
         h[0, 2] = -1.0  # height is the negative of the position component down
         z[0] = at.x[2] - float(np.interp(at.time, self.time, self.height))
@@ -349,7 +349,7 @@ class HeightAiding:
 
     @classmethod
     def from_drive(cls, first: FirstPass) -> tuple[Self | None, Finding | None]:
-        """See `Measurement`."""
+        """Calibrate the barometer by the heights of the first pass; see `Measurement.from_drive`."""
         imu, solution = first.imu, first.solution
         if imu.baro is None or not np.isfinite(imu.baro).any():
             return None, None
@@ -381,7 +381,7 @@ class Magnetometer(Heading):
 
     @classmethod
     def from_drive(cls, first: FirstPass) -> tuple[Self | None, Finding | None]:
-        """See `insnav.filter.measurements.measurement.Measurement`."""
+        """Calibrate hard iron, declination and sd of a magnetometer log; see `Measurement.from_drive`."""
         log = first.logs.get(cls.name)
         if log is None:
             return None, None
