@@ -277,7 +277,7 @@ def state_detectable(record: LinearRecord, of: Pass, kinds: Sequence[Kind]) -> F
     values, information = dict[str, Any](), of.scores[1]  # (m, n, n): of a step before each epoch
     length = max(int(MINUTE / record.interval), 2)
     rows = np.linspace(1, max(record.time.size - length - 1, 1), PLACES).astype(int)
-    followed = "followed_drag" if "velocity offset" in record.states else "drag"  # velocities, if measured, agree
+    followed = "followed_drag" if "velocity offset" in record.states else "drag"  # drag with consistent velocities
     for name, key in (("offset", "jump_m"), (followed, "drift_m_s"), ("drag", "minute_m_s")):
         kind = next(each for each in kinds if each.name == name)
         columns, end_cost = record.columns(kind), cost_of_end(record.interval) * (key == "minute_m_s")

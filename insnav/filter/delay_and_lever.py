@@ -131,7 +131,7 @@ def filtered(ready: FilterInput, *, starts: int | None = None) -> Filtered:
         history = navigator.history()
         epochs = history.rows()
         next_start = with_surer_start(ready, history) if starts else None
-        if starts and next_start is None and ready.alignment.static is None:  # if gates reject fixes, accept all
+        if starts and next_start is None and ready.alignment.static is None:  # if gates reject fixes, accept them all
             other_run = Navigator(_doubted(_believed(used)))
             feed(other_run, ready.imu)
             next_start = with_surer_start(ready, other_run.history())

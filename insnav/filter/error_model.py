@@ -224,7 +224,7 @@ def layout(receiver: Receiver) -> Layout:
     """Arrange the states for a receiver: assign an index to the first state of each block."""
     blocks, first, place, places = blocks_of(receiver), STATES, FURTHER, dict[str, tuple[int, int, int]]()
     for block in blocks:
-        listed, size = block.name != "lever", block.sd.size  # the arm is in `ARM`, see `correct_with_arm`
+        listed, size = block.name != "lever", block.sd.size  # the lever arm is stored in `ARM`, see `correct_with_arm`
         places[block.name] = first if size else -1, place if listed else ARM.start, size
         first, place = first + size, place + listed * block.value.size
     named = {name: places[name][0] for name in Layout._fields[3:]}

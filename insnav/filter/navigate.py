@@ -109,7 +109,7 @@ def navigate_prepared(
     if run.smoothed is not None and widen is not None:
         run = widen(run)
     fixes, start, end = ready.fix_time, ready.initial.time, float(ready.imu.time[-1])
-    sides = ("before", fixes < start - 1e-6, start), ("after", fixes > end + 1e-6, end)  # outside the solution
+    sides = ("before", fixes < start - 1e-6, start), ("after", fixes > end + 1e-6, end)  # fixes outside the solution
     outside_fixes = [(side, rows.sum(), time) for side, rows, time in sides if rows.any()]
     outside = [Finding.of(Code.GPS_OUTSIDE, time, count=count, side=side) for side, count, time in outside_fixes]
     run = replace(run, events=(*run.events, *outside))

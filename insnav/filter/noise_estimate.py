@@ -108,7 +108,7 @@ class Misalignment:
     size: tuple[float, float, float]  # root mean square relative to the specification, and its 95 % interval
     terms: FloatArray  # (12,) mean of each misalignment [rad]
     attitude: FloatArray  # (3,) mean error of roll, pitch, heading by the misalignments [rad]
-    attitude_sd: FloatArray  # (3,) standard deviation of this error [rad]
+    attitude_sd: FloatArray  # (3,) standard deviation of these attitude errors [rad]
     evidence: float  # log odds of misalignments, with averaged size, against none
 
     def corrected(self, imu: ImuData) -> ImuData:

@@ -16,7 +16,7 @@ from insnav.steps.given import as_given, stationary_part
 from insnav.types import ImuData
 
 SHORTEST_REST = 5.0  # shorter intervals do not determine the noise of an IMU [s]
-DENSITY_SD = 0.18  # relative sd of a density from so short a rest; see `insnav.imu.noise_density.white_noise` [-]
+DENSITY_SD = 0.18  # relative sd of a noise density from a short rest; see `insnav.imu.noise_density.white_noise` [-]
 UNLIKE = 3.0  # noise or bias this many sd above the specification contradicts it [-]
 
 

@@ -36,7 +36,7 @@ class Input:
 
     option: str  # option name; empty without option
     metavar: str  # placeholder of the value
-    meaning: str  # for the help; in command-line units, with degrees where the library has radians
+    meaning: str  # text for the help; in command-line units, with degrees where the library has radians
     group: str  # group of the option
     kind: Kind = "text"  # conversion of the text to a value
     unit: str = ""  # unit on the command line and in messages

@@ -27,7 +27,7 @@ from insnav.units import DEG
 
 TURNED = 10.0 * DEG  # a smaller yaw of the IMU may be an effect of side slip or wind [rad]
 UPRIGHT, INVERTED = "FRD", "FLU"
-QUARTERS, QUARTER = (UPRIGHT, "RBD", "BLD", "LFD"), 0.5 * np.pi  # x forward, right, back, left
+QUARTERS, QUARTER = (UPRIGHT, "RBD", "BLD", "LFD"), 0.5 * np.pi  # IMU axes: x forward, right, back or left
 SLANTED = 20.0 * DEG  # beyond this angle from all vehicle axes, the IMU is not aligned with any of them
 # cosine of the angle between z of the IMU and down: smaller if the IMU leans, and if it lies on its side
 LEANING, ON_ITS_SIDE = 0.9, 0.5

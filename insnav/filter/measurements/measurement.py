@@ -258,7 +258,7 @@ def clock_offset(time: FloatArray, speed: FloatArray, log_time: FloatArray, log_
         best = int(np.argmax(np.where(similar, correlation, -1.0)))
     before, peak, after = correlation[np.clip([best - 1, best, best + 1], 0, correlation.size - 1)]
     curvature = before - 2.0 * peak + after
-    vertex = 0.5 * (before - after) / curvature if curvature < 0.0 else 0.0  # of a parabola
+    vertex = 0.5 * (before - after) / curvature if curvature < 0.0 else 0.0  # vertex of a parabola
     return float(offset[best] + vertex * STEP)
 
 
