@@ -1,5 +1,6 @@
-"""Explanation of faults of fixes, clock and IMU: one linear record, one search, one criterion.
+"""Detection of faults of the fixes, the clock and the IMU in a whole recording.
 
-Data flow: `record` builds the linear error model of a filter run, and `kinds` defines the kinds of faults. `proposals`
-predicts gains, and `search` selects faults by the evidence. `explanation` passes the faults to the filter.
+`record` linearises the errors of one filter run at its epochs. `kinds` defines the kinds of faults. `proposals`
+predicts how much a fault would improve the likelihood. `search` accepts faults by their Bayesian evidence.
+`explanation` converts the accepted faults to instructions for the filter.
 """

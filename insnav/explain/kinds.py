@@ -1,8 +1,8 @@
 """Kinds of faults: each is a step of a few states, with a rate and a typical size.
 
 A fault is a step of unknown size in the state of the linear record (P. de Jong, J. Penzer, "Diagnosing shocks in time
-series", J. Am. Stat. Assoc. 93 (1998) 796-806). Rate and size are the priors of a kind and its only figures: how often
-it begins, and how large it usually is. The logarithm of a size is normal about the typical one.
+series", J. Am. Stat. Assoc. 93 (1998) 796-806). The prior of a kind has two parameters. The rate is the number of
+begins per hour. The size of a fault is log-normal about the typical size.
 """
 
 from __future__ import annotations
@@ -18,10 +18,10 @@ from insnav.config_file import Table, read_toml, scalar, validate, with_fields
 from insnav.types import FloatArray
 from insnav.units import DEG, UNITS
 
-HOUR = 3600.0  # [s]
+HOUR = 3600.0  # seconds in an hour [s]
 SPREAD = 1.2  # standard deviation of the logarithm of a size: a factor of 3.3 [-]
-ENDS = 60.0  # rate of the end of a fault: faults last a minute on average [1/h]
-UNITS_OF = {  # unit of the displayed size, by the state that steps
+ENDS = 60.0  # rate of the end of a temporary fault: faults last a minute on average [1/h]
+UNITS_OF = {  # unit of the displayed size, by the name of the state that steps
     **{"offset": "m", "drift": "m/s", "velocity": "m/s", "velocity offset": "m/s", "attitude": "deg"},
     **{"gyro": "deg/s", "accel": "m/s^2", "delay": "s"},
 }
@@ -30,15 +30,15 @@ FADES = 45.0  # correlation time of multipath: half a minute to a minute for a v
 
 @dataclass(frozen=True, slots=True)
 class Kind:
-    """Kind of faults."""
+    """Kind of faults: the states that step, and the prior of rate and size."""
 
     name: str
-    steps: tuple[tuple[str, ...], ...]  # names of the states that step: one tuple for each column
-    rate: float  # of its begin [1/h]
+    steps: tuple[tuple[str, ...], ...]  # one tuple for each column: the states that step together
+    rate: float  # number of begins per hour [1/h]
     size: float  # typical size, in the unit of the states
     of_fixes: bool  # true for a fault of the fixes, false for a fault of the IMU
-    passes: bool = True  # it may end by a step back
-    fills: bool = False  # noise at every epoch of an interval, instead of one step
+    passes: bool = True  # true if the fault may end
+    fills: bool = False  # true for noise at every epoch of an interval, false for one step
 
     @property
     def unit(self) -> str:
@@ -46,9 +46,9 @@ class Kind:
         return UNITS_OF[self.steps[0][0].rsplit(" ", 1)[0]] if self.steps else ""
 
     def cost(self, variance: FloatArray | float, interval: float) -> FloatArray:
-        """Compute -2 ln of the prior of a step at one epoch: its rate, and log-normal size, from the size variance [-].
+        """Compute -2 ln of the prior of a step at one epoch [-], by its rate and its log-normal size.
 
-        `interval`: between epochs [s]. The constant of the normal density and the width of its peak nearly cancel.
+        `interval`: between epochs [s]. The constant of the density and the width of its peak nearly cancel: omit both.
         """
         if not self.steps:
             return np.asarray(cost_of_end(interval))
@@ -57,7 +57,7 @@ class Kind:
 
 
 def cost_of_end(interval: float) -> float:
-    """Compute -2 ln of the prior of the end of a fault at one epoch [-]."""
+    """Compute -2 ln of the prior probability that a fault ends at one epoch [-]. `interval`: between epochs [s]."""
     return float(-2.0 * np.log(ENDS * interval / HOUR))
 
 
@@ -79,29 +79,29 @@ KINDS: tuple[Kind, ...] = (
     *(Kind(f"accel_{'xyz'[i]}", ((f"accel {i}",),), 0.03, 0.2, False) for i in range(3)),
     Kind("delay", (("delay 0",),), 0.1, 0.2, True, passes=False),
 )
-# end of an earlier displacement of the fixes, at a separate epoch
+# return of displaced fixes to the true track, which ends an earlier fault at a separate epoch
 RETURN = Kind("return", (), ENDS, 1.0, True, passes=False)
 
 
 class _Priors(Table):
-    """Rate and size of a kind."""
+    """Rate and size of a kind, as specified by the user."""
 
     above_zero = ("rate", "size")
 
 
 def with_priors(given: str | Path | Mapping[str, Any]) -> tuple[Kind, ...]:
-    """Apply rates and sizes of the user to the kinds: tables by name, quantities with units.
+    """Return all kinds, with the rates and sizes that the user specifies.
 
-    `given`: ``{"offset": {"rate": "0.2 1/h", "size": "30 m"}}``, or a TOML file with the table ``faults`` of that.
+    `given`: ``{"offset": {"rate": "0.2 1/h", "size": "30 m"}}``, or a TOML file with such tables in ``faults``.
     Raises: ConfigError: the file cannot be read; no kind has this name; a figure is not positive, or no quantity.
     """
     data = {"faults": dict(given)} if isinstance(given, Mapping) else read_toml(Path(given))
     rate = scalar("frequency")
     tables = {each.name: with_fields(_Priors, {"rate": rate, "size": scalar(UNITS[each.unit][0])}) for each in KINDS}
     model = with_fields(Table, {"faults": with_fields(Table, tables)})
-    found = validate(model, data, "" if isinstance(given, Mapping) else str(given)).model_dump()["faults"] or {}
-    priors = ((kind, found.get(kind.name) or {}) for kind in KINDS)
+    chosen = validate(model, data, "" if isinstance(given, Mapping) else str(given)).model_dump()["faults"] or {}
+    priors = ((kind, chosen.get(kind.name) or {}) for kind in KINDS)
     return tuple(
-        replace(kind, rate=HOUR * (own.get("rate") or kind.rate / HOUR), size=own.get("size") or kind.size)
-        for kind, own in priors
+        replace(kind, rate=HOUR * (prior.get("rate") or kind.rate / HOUR), size=prior.get("size") or kind.size)
+        for kind, prior in priors
     )

@@ -2,8 +2,8 @@
 
 The filter runs once over the samples, with gates that reduce the weight of fixes instead of rejecting them. Its history
 contains the transition of the errors between epochs, their covariance and each measurement. Errors are estimate minus
-truth. To first order they follow a linear model with the noise of the run. A test of faults, weights or noise then
-costs one pass of covariance algebra over the epochs, without the samples.
+truth. To first order they follow a linear model with the noise of the run. The test of a hypothesis on faults, weights
+or noise then needs one pass of covariance algebra over the epochs, without the samples.
 """
 
 from __future__ import annotations
@@ -32,30 +32,30 @@ from insnav.kernels.smoother import COAST, CORRECTION, JACOBIAN, KIND, NOISE, RE
 from insnav.types import BoolArray, FloatArray, ImuData, IntArray, RoundingChange
 
 LONGEST, SHORTEST = 1024, 256  # largest and smallest number of epochs in a part of a long record
-FAULTS = 9  # states of faults: offset of positions, its drift, offset of velocities
-TAILS = 4.0  # degrees of freedom of the errors of fixes and of the noise of the IMU, Student's t [-]
-WEIGHTED = np.array([3.0, 3.0, NAV])  # number of values with a common weight: position, velocity, noise of a span [-]
-LEAST = (TAILS + WEIGHTED) / (TAILS + 0.6 * WEIGHTED)  # largest weight, for values with squares of 0.6 each [-]
+FAULTS = 9  # number of fault states: offset of positions, drift of this offset, offset of velocities
+TAILS = 4.0  # degrees of freedom of Student's t distribution of fix errors and of IMU noise [-]
+WEIGHTED = np.array([3.0, 3.0, NAV])  # values that share a weight: of a position, a velocity, the IMU noise of a span
+LEAST = (TAILS + WEIGHTED) / (TAILS + 0.6 * WEIGHTED)  # upper limit of a weight, for squared residuals of 0.6 [-]
 # Prior sd of the logarithms of five noise figures, upwards and downwards. Three are factors on position sd, velocity sd
 # and IMU noise. Two are the odds of the time-correlated share of the position variance, and its correlation time.
-# Innovations cannot show that fixes are better than stated, as lasting errors are invisible in them. With `FAR`, a
-# factor of 100 is possible, as of centimetres taken for metres. For the IMU it is 20: vibration adds much noise.
+# Small innovations do not prove that fixes are better than stated: time-correlated errors are invisible in them. Within
+# `FAR`, sds of fixes may grow by 100 (centimetres read as metres), and IMU noise by 20 (vibration).
 FIGURES = (2.3, 0.03), (2.3, 0.03), (1.5, 0.8), (1.5, 1.5), (1.0, 1.0)
-FAR = 2.0  # largest deviation of a noise figure, in sd of its prior: beyond, the model is wrong [-]
-POSITION, VELOCITY, IMU, SHARE, TIME_OF_SHARE = range(5)
-# states cleared at the end of a fault; other kinds end by a step back, and positions stay displaced after a drag
+FAR = 2.0  # limit of a noise figure's deviation from its prior, in sd: beyond it, the model is wrong [-]
+POSITION, VELOCITY, IMU, SHARE, TIME_OF_SHARE = range(5)  # indices of the noise figures
+# Kinds whose end sets fault states to zero. Others end by the opposite step: after a drag, positions stay displaced
 CLEARED = {"offset": linear.NO_POSITION, "rough": linear.NO_POSITION, "velocity_offset": linear.NO_VELOCITY}
-NAMES = {"position": 0, "velocity": 3, "attitude": 6, "gyro": 9, "accel": 12, "delay": STATES}
+NAMES = {"position": 0, "velocity": 3, "attitude": 6, "gyro": 9, "accel": 12, "delay": STATES}  # first state of each
 
 
 @dataclass(frozen=True, slots=True)
 class Step:
-    """Fault in a record: a step of states just before an epoch, and perhaps the opposite step later."""
+    """Fault in a record: a step of states just before an epoch and, if the fault ends, the opposite step later."""
 
     kind: Kind
-    begin: int  # epoch
-    variance: float  # of its size, in each column
-    end: int = 0  # epoch of the opposite step; 0: the fault stays
+    begin: int  # epoch before which the states step
+    variance: float  # prior variance of the size along each column of the kind
+    end: int = 0  # epoch before which the fault ends; 0: the fault is permanent
 
     def moved(self, begin: int, end: int) -> Step:
         """Move the step to other epochs."""
@@ -64,7 +64,7 @@ class Step:
 
 @dataclass(frozen=True, slots=True)
 class Noise:
-    """Noise figures as logarithms, relative to the noise of the run; see `FIGURES`."""
+    """Logarithms of the noise figures, relative to the noise of the filter run; see `FIGURES`."""
 
     figures: tuple[float, ...] = (0.0,) * len(FIGURES)
 
@@ -75,20 +75,20 @@ class Noise:
 
     @property
     def cost(self) -> float:
-        """Value of -2 ln of their prior [-]."""
+        """Cost of the figures: -2 ln of their prior, without its constant [-]."""
         return float((np.divide(self.figures, self.sd) ** 2).sum())
 
     def moved(self, by: FloatArray) -> Noise:
-        """Change the figures (5,), within `FAR`."""
+        """Add to the figures (5,), and limit the sums to `FAR` sd of the prior."""
         up, down = FAR * np.transpose(FIGURES)
         return Noise(tuple(np.clip(self.figures + by, -down, up).tolist()))
 
     def tuned(self, slope: FloatArray, curve: FloatArray) -> Noise:
-        """Take a step of Newton's method, with the derivatives of the cost (5,) and their derivatives (5, 5).
+        """Take a step of Newton's method, from first (5,) and second (5, 5) derivatives of the cost by the figures.
 
-        Without curvature, the damping allows half a unit: that far, a variance ten times too small decreases the cost.
+        With zero curvature, damping limits the step to 0.5. A variance ten times too small needs a step of 1.2.
         """
-        free = np.not_equal(self.moved(-np.sign(slope)).figures, self.figures).nonzero()[0]  # not at a limit
+        free = np.not_equal(self.moved(-np.sign(slope)).figures, self.figures).nonzero()[0]  # figures not at a limit
         step, damped = np.zeros(slope.size), curve + 2.0 * np.diag(np.abs(slope))
         step[free] = -np.linalg.solve(damped[free[:, None], free], slope[free])
         return self.moved(step)
@@ -100,7 +100,7 @@ class Noise:
 
     @property
     def time(self) -> float:
-        """Correlation time of that share [s]."""
+        """Correlation time of the time-correlated position error [s]."""
         return float(FADES * np.exp(self.figures[TIME_OF_SHARE]))
 
     def lasting(self, sd: FloatArray) -> FloatArray:
@@ -115,36 +115,36 @@ def usual_correlated(position_sd: FloatArray) -> CorrelatedNoise:
 
 @dataclass(frozen=True)
 class Pass:
-    """Result of a forward and a backward pass over the record."""
+    """Result of one forward pass (filter) and one backward pass (smoother) over the record."""
 
     cost: float  # twice the negative log-likelihood of the fixes [-]
-    # (m, 3) expected sums of squares of position residuals, velocity residuals and IMU noise, in variances at weight 1
+    # (m, 3) expected sums of squared residuals of position, velocity and IMU noise, over their variance at weight 1 [-]
     squares: FloatArray
     nav: FloatArray  # (m, 9) smoothed error of position, velocity and attitude
     slope: FloatArray  # (5,) derivatives of the cost by the noise figures, with their prior [-]
-    inner: tuple[tuple[FloatArray, ...], ...] = field(repr=False)  # of the passes, for `LinearRecord.cross`
-    kept: tuple[IntArray, FloatArray, FloatArray] = field(repr=False)  # start and faults: epoch, score, information
+    inner: tuple[tuple[FloatArray, ...], ...] = field(repr=False)  # arrays of both passes, for `LinearRecord.cross`
+    kept: tuple[IntArray, FloatArray, FloatArray] = field(repr=False)  # epochs of start and faults, score, information
 
     @cached_property
     def scores(self) -> tuple[FloatArray, ...]:
-        """Score (m, n) and information (m, n, n) of a step before each epoch. Few passes need this backward pass."""
+        """Score (m, n) and information (m, n, n) of a step before each epoch, from one more backward pass."""
         return run_back(self.inner, np.arange(self.nav.shape[0]), self.inner[0][2].shape[1])[:2]
 
     def at(self, begin: int, end: int, columns: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return score (k, d) and information (k, d, d) along columns (n, d) from the begin of a fault to its end."""
+        """Return score (k, d) and information (k, d, d) along columns (n, d), at kept epochs from `begin` to `end`."""
         rows, score, information = self.kept
-        here, by = slice(*rows.searchsorted([begin, end])), columns[: score.shape[1]]
-        return score[here] @ by, np.asarray(by.T @ information[here] @ by)
+        selected, directions = slice(*rows.searchsorted([begin, end])), columns[: score.shape[1]]
+        return score[selected] @ directions, np.asarray(directions.T @ information[selected] @ directions)
 
     @property
     def nav_variance(self) -> FloatArray:
         """Variance of the smoothed error of position, velocity and attitude, (m, 9)."""
         p = self.inner[2][-1][:, :NAV]
-        told = np.einsum("mij,mij->mi", p @ self.scores[1], p)
-        return np.asarray(np.maximum(np.einsum("mii->mi", p[:, :, :NAV]) - told, 0.0))
+        reduction = np.einsum("mij,mij->mi", p @ self.scores[1], p)
+        return np.asarray(np.maximum(np.einsum("mii->mi", p[:, :, :NAV]) - reduction, 0.0))
 
     def bare(self) -> Pass:
-        """Drop the large arrays."""
+        """Copy without the large arrays."""
         return replace(self, inner=(), kept=(np.empty(0, np.int64), np.empty((0, 0)), np.empty((0, 0, 0))))
 
     @property
@@ -154,32 +154,32 @@ class Pass:
 
 
 def run_back(inner: tuple[tuple[Any, ...], ...], rows: IntArray, n: int) -> tuple[FloatArray, ...]:
-    """Fill the results of `insnav.kernels.linear.backward` for the first `n` states, kept at epochs `rows` (k,)."""
+    """Run `insnav.kernels.linear.backward` for the first `n` states, and keep score and information at `rows` (k,)."""
     m, of_each = len(inner[1][0]), (np.empty((rows.size, n)), np.empty((rows.size, n, n)))
-    found = *of_each, np.empty((m, 6)), np.empty((m, 6)), np.empty((m, 4, inner[2][3].size)), np.empty(m)
-    linear.backward(*inner, rows, *found)
-    return found
+    results = *of_each, np.empty((m, 6)), np.empty((m, 6)), np.empty((m, 4, inner[2][3].size)), np.empty(m)
+    linear.backward(*inner, rows, *results)
+    return results
 
 
 @dataclass(frozen=True, slots=True)
 class LinearRecord:
-    """Linear error model of one run at its epochs."""
+    """Linear error model of one filter run at its epochs."""
 
-    time: FloatArray  # (m,) epochs in sample time [s]
+    time: FloatArray  # (m,) times of the epochs, on the clock of the samples [s]
     interval: float  # usual time between epochs [s]
     system: tuple[FloatArray, ...]  # spans, transitions, fading, noise; see `insnav.kernels.linear`
     measured: tuple[FloatArray, ...]  # predicted minus measured, derivatives, corrections of the state
     variance: FloatArray  # (m, 6) of the white noise of the fixes, 0 without a measurement
-    start: FloatArray  # (n, n) covariance without the time-correlated error
-    states: dict[str, int]  # first index, by name
+    start: FloatArray  # (n, n) initial covariance without the time-correlated error
+    states: dict[str, int]  # index of the first state of each group, by name
     correlated_sd: FloatArray  # (3,) standard deviation of a position, including its time-correlated share [m]
     from_fix: bool  # the first position comes from a fix and has its time-correlated error
 
     @classmethod
     def of(cls, ready: FilterInput) -> Iterator[LinearRecord]:
-        """Run the filter over the longest part of a recording, and divide its epochs into parts of bounded length.
+        """Run the filter over the longest part of a recording, and yield records of up to `LONGEST` epochs each.
 
-        The caller should keep one part at a time.
+        Each record is built when needed. To save memory, the caller should keep one at a time.
 
         Raises: DivergenceError: the filter lost consistency.
         """
@@ -190,20 +190,20 @@ class LinearRecord:
         model = replace(ready.model, noise=np.append(ready.model.noise[:-2], [0.0, 0.0]))
         used = ready.replace_correlated(usual_correlated(ready.gps.position_sd)).keep_history()
         navigator = Navigator(replace(used, model=model, gps=thinned(ready.gps), gates=soft))
-        whole = feed(navigator, ready.imu).history().blocks()
-        blocks = [part for each in whole for part in np.array_split(each, -(-len(each) // LONGEST))]
+        history = feed(navigator, ready.imu).history().blocks()
+        blocks = [part for each in history for part in np.array_split(each, -(-len(each) // LONGEST))]
         if len(blocks) > 1 and len(blocks[-1]) < SHORTEST:
             blocks[-2:] = [np.concatenate(blocks[-2:])]
         sd = np.sqrt(ready.model.noise[-2:] / MANOEUVRE)
-        first = [ready.initial.from_fix, *[False] * (len(blocks) - 1)]
-        records = (cls._from_history(*each, replace(used, gps=ready.gps)) for each in zip(blocks, first, strict=True))
+        starts = [ready.initial.from_fix, *[False] * (len(blocks) - 1)]
+        records = (cls._from_history(*each, replace(used, gps=ready.gps)) for each in zip(blocks, starts, strict=True))
         return (record.with_axes(ready.imu, sd).with_rounding(ready.rounding) for record in records)
 
     @classmethod
     def _from_history(cls, history: FloatArray, from_fix: bool, ready: FilterInput) -> LinearRecord:
-        """Build a record from the history of a run: transitions, noise, measurements and state corrections."""
-        at, gps, m = layout(ready.receiver), ready.gps, history.shape[0]
-        n, time = at.states, history[:, TIME].copy()
+        """Build a record from the history of a run: transitions, noise, measurements and corrections of the state."""
+        index, gps, m = layout(ready.receiver), ready.gps, history.shape[0]
+        n, time = index.states, history[:, TIME].copy()
         span = np.diff(time, prepend=time[:1])
         jacobian, transition, lower = np.split(history[:, JACOBIAN:], [6 * n, -n * (n + 1) // 2], axis=1)
         before = np.empty((m, n, n))
@@ -217,42 +217,44 @@ class LinearRecord:
         hp, both = h @ before, used[:, :, None] & used[:, None]
         s = hp @ np.swapaxes(h, 1, 2) + np.where(both, history[:, NOISE : NOISE + 36].reshape(m, 6, 6), np.eye(6))
         gain = np.linalg.solve(s, hp)
-        after = np.roll(before - np.swapaxes(hp, 1, 2) @ gain, 1, axis=0)  # the epoch before
-        # noise of a span: predicted covariance minus the propagated covariance
+        after = np.roll(before - np.swapaxes(hp, 1, 2) @ gain, 1, axis=0)  # covariance after previous update
+        # noise of a span between epochs: its predicted covariance minus the propagated covariance
         q = before[:, :NAV, :NAV] - phi @ after[:, :STATES, :STATES] @ np.swapaxes(phi, 1, 2)
-        own, old = (np.diagonal(each, axis1=1, axis2=2)[:, NAV:] for each in (before, after))
+        variance_before, variance_after = (np.diagonal(each, axis1=1, axis2=2)[:, NAV:] for each in (before, after))
         qd = np.zeros((m, n + FAULTS))
-        qd[1:, NAV:n] = np.maximum(own - fade[:, NAV:n] ** 2 * old, 0.0)[1:]
+        qd[1:, NAV:n] = np.maximum(variance_before - fade[:, NAV:n] ** 2 * variance_after, 0.0)[1:]
+        # remove negative eigenvalues, which are rounding errors
         values, vectors = np.linalg.eigh(0.5 * (q + np.swapaxes(q, 1, 2)))
         q = (vectors * np.maximum(values, 0.0)[:, None]) @ np.swapaxes(vectors, 1, 2)
         q[0] = 0.0
-        states = NAMES | {"correlated": at.correlated, "offset": n, "drift": n + 3, "velocity offset": n + 6}
-        unseen = {"delay": at.delay < 0, "velocity offset": not used[:, 3:].any()}  # no effect, no search
+        states = NAMES | {"correlated": index.correlated, "offset": n, "drift": n + 3, "velocity offset": n + 6}
+        unseen = {"delay": index.delay < 0, "velocity offset": not used[:, 3:].any()}  # states without effect
         states = {name: first for name, first in states.items() if not unseen.get(name)}
+        # an offset state adds to measured positions, a velocity offset to measured velocities
         of_faults = np.zeros((m, 6, FAULTS))
         of_faults[:, range(3), range(3)] = of_faults[:, range(3, 6), range(6, 9)] = -1.0
         h = np.concatenate([h, np.where(used[:, :, None], of_faults, 0.0)], axis=2)
         fed = np.zeros((m, n + FAULTS))
         fed[:, :n] = np.einsum("mi,mij->mj", z, gain)
         sensors, taken = history[:, CORRECTION : CORRECTION + STATES - NAV], np.zeros((m + 1, NAV))
-        for each in ready.explained.changes:
-            if each.first < NAV:
-                taken[np.searchsorted(time, each.time - 1e-6), each.first : each.first + 3] += each.change
-        at_change = [each.time for each in ready.explained.changes] + [each.time for each in ready.rounding]
-        for of in np.unique(np.searchsorted(time, np.array(at_change) - 1e-6)):
-            if 0 < of < m:  # as the run took it off its state
-                q[of], qd[of], fade[of, NAV:STATES] = q[of - 1], qd[of - 1], fade[of - 1, NAV:STATES]
-                part = np.zeros(STATES)
-                part[NAV:] = sensors[of - 1] - (sensors[of] + fed[of, NAV:STATES]) / fade[of, NAV:STATES]
-                part[:NAV] = np.linalg.solve(phi[of, :, :NAV], taken[of] - phi[of, :, NAV:] @ part[NAV:])
-                fed[of - 1, :STATES] += part
+        for change in ready.explained.changes:
+            if change.first < NAV:
+                taken[np.searchsorted(time, change.time - 1e-6), change.first : change.first + 3] += change.change
+        at_change = [change.time for change in ready.explained.changes] + [change.time for change in ready.rounding]
+        for k in np.unique(np.searchsorted(time, np.array(at_change) - 1e-6)):
+            if 0 < k < m:  # the run subtracted the change here: add it to the corrections
+                q[k], qd[k], fade[k, NAV:STATES] = q[k - 1], qd[k - 1], fade[k - 1, NAV:STATES]
+                correction = np.zeros(STATES)
+                correction[NAV:] = sensors[k - 1] - (sensors[k] + fed[k, NAV:STATES]) / fade[k, NAV:STATES]
+                correction[:NAV] = np.linalg.solve(phi[k, :, :NAV], taken[k] - phi[k, :, NAV:] @ correction[NAV:])
+                fed[k - 1, :STATES] += correction
         row = np.minimum(np.searchsorted(ready.fix_time, time - 1e-4), gps.time.size - 1)
         sd = np.hstack([gps.position_sd[row], gps.velocity_sd[row]])
-        # timestamps that scatter add speed and acceleration, the derivative by the delay
-        jitter = ready.receiver.jitter * h[:, :, STATES] if at.delay >= 0 else 0.0
+        # jitter of the timestamps times the derivative by the delay (speed, acceleration) is noise
+        jitter = ready.receiver.jitter * h[:, :, STATES] if index.delay >= 0 else 0.0
         start = np.zeros((n + FAULTS, n + FAULTS))
         start[:n, :n] = before[0]
-        reset_correlated(start, at.correlated, np.zeros(3))
+        reset_correlated(start, index.correlated, np.zeros(3))
         start[range(3), range(3)] -= from_fix * usual_correlated(gps.position_sd).sds ** 2
         variance = np.where(used, np.nan_to_num(sd) ** 2 + jitter**2, 0.0)
         return cls(
@@ -262,10 +264,10 @@ class LinearRecord:
         )
 
     def with_axes(self, imu: ImuData, sd: FloatArray) -> LinearRecord:
-        """Add misalignments of the sensors as constant states, after the sensor errors.
+        """Add the twelve misalignments of the sensors as constant states, after the sensor errors.
 
-        Each acts on its axis by the mean rate or specific force of another axis. `sd`: (2,) of gyros and accelerometers
-        [rad].
+        A misalignment makes one axis sense a part of the mean rate or specific force of another axis. `sd` (2,): of
+        gyros and accelerometers [rad].
         """
         rows = slice(*np.searchsorted(imu.time, [self.time[0] - 1.0, self.time[-1] + 1.0]))
         imu = imu.rows(rows)
@@ -275,127 +277,128 @@ class LinearRecord:
         span, phi, *_ = self.system
         mean = np.diff(sums, axis=0, prepend=sums[:1]) / np.maximum(span, 1e-9)[:, None]
         pairs = [(i, j) for i in range(6) for j in range(i // 3 * 3, i // 3 * 3 + 3) if i != j]
-        by = np.stack([phi[:, :, NAV + i] * mean[:, j, None] for i, j in pairs], axis=2)
-        return self._with_states(by, np.repeat(sd**2, len(pairs) // 2))
+        effect = np.stack([phi[:, :, NAV + i] * mean[:, j, None] for i, j in pairs], axis=2)
+        return self._with_states(effect, np.repeat(sd**2, len(pairs) // 2))
 
     def with_rounding(self, rounding: Sequence[RoundingChange]) -> LinearRecord:
-        """Separate rounding errors of coarse gyros from the bias. After each change they are independent."""
+        """Add rounding errors of coarse gyros as states, apart from the bias; each change makes them independent."""
         if not rounding:
             return self
-        gyros, own = slice(NAV, NAV + 3), slice(STATES, STATES + 3)
+        gyros, added = slice(NAV, NAV + 3), slice(STATES, STATES + 3)
         record = self._with_states(self.system[1][:, :, gyros], np.zeros(3))
         (_, _, fade, _, qd), start, first = record.system, record.start, np.full(3, np.nan)
-        for each, of in zip(rounding, np.searchsorted(self.time, [each.time - 1e-6 for each in rounding]), strict=True):
-            new = ~np.isnan(each.after)
-            if of == 0:
-                first[new] = each.after[new]
+        for each, k in zip(rounding, np.searchsorted(self.time, [each.time - 1e-6 for each in rounding]), strict=True):
+            changed = ~np.isnan(each.after)
+            if k == 0:
+                first[changed] = each.after[changed]
                 continue
             first = np.where(np.isnan(first), each.before, first)
-            if of < self.time.size:
-                fade[of, own][new], qd[of, own][new] = 0.0, each.after[new]
-        unknown = np.diag(np.nan_to_num(first))  # the run estimates bias and rounding error together
-        start[gyros, gyros] += unknown
-        start[own, own] = unknown
-        start[gyros, own] = start[own, gyros] = -unknown
+            if k < self.time.size:
+                fade[k, added][changed], qd[k, added][changed] = 0.0, each.after[changed]
+        variance = np.diag(np.nan_to_num(first))  # the run knows the sum of bias and rounding error
+        start[gyros, gyros] += variance
+        start[added, added] = variance
+        start[gyros, added] = start[added, gyros] = -variance
         return record
 
     def _with_states(self, by: FloatArray, variance: FloatArray) -> LinearRecord:
-        """Insert constant states after the sensor errors. `by` (m, 9, k): effect on each span. `variance` (k,)."""
+        """Insert constant states of `variance` (k,). `by` (m, 9, k): their effect on navigation errors in each span."""
         (span, phi, fade, q, qd), (z, h, fed), added = self.system, self.measured, [STATES] * variance.size
         fade = np.insert(fade, added, 1.0, axis=1)
         qd, h, fed, start = (np.insert(each, added, 0.0, axis=-1) for each in (qd, h, fed, self.start))
         start, phi = np.insert(start, added, 0.0, axis=0), np.dstack([phi[:, :, :STATES], by, phi[:, :, STATES:]])
-        own = np.arange(STATES, STATES + variance.size)
-        start[own, own] = variance
-        states = {name: first + own.size * (first >= STATES) for name, first in self.states.items()}
+        inserted = np.arange(STATES, STATES + variance.size)
+        start[inserted, inserted] = variance
+        states = {name: first + inserted.size * (first >= STATES) for name, first in self.states.items()}
         system = span, np.ascontiguousarray(phi), fade, q, qd
         return replace(self, system=system, measured=(z, h, fed), start=start, states=states)
 
     def until(self, count: int) -> LinearRecord:
-        """Select the first epochs."""
+        """Copy the first `count` epochs."""
         system, measured = (tuple(each[:count] for each in group) for group in (self.system, self.measured))
         variance = self.variance[:count]
         return replace(self, time=self.time[:count], system=system, measured=measured, variance=variance)
 
     def span_of(self, step: Step) -> tuple[float, float]:
-        """Return the times of begin and end of a fault, infinity for one that stays [s]."""
+        """Return begin and end of a fault [s]; the end of a permanent fault is infinite."""
         return float(self.time[step.begin]), float(self.time[step.end]) if step.end else np.inf
 
     @property
     def lasting(self) -> FloatArray:
-        """Effect of the time-correlated error on the states at the start, (3, n): a first position has it, too."""
+        """Effect of the time-correlated error on the initial states, (3, n): a position set to a fix has it, too."""
         n = self.start.shape[0]
         return np.asarray(np.eye(3, n, self.states["correlated"]) - self.from_fix * np.eye(3, n))
 
     @property
     def known(self) -> BoolArray:
-        """Availability of position and velocity at each epoch, (m, 2)."""
+        """Availability of a measured position and velocity at each epoch, (m, 2)."""
         return np.asarray(self.variance[:, ::3] > 0.0)
 
     def project(self, of: Pass, kind: Kind) -> tuple[FloatArray, FloatArray]:
         """Compute score (m, d) and information (m, d, d) of a step of one kind before each epoch."""
         columns = self.columns(kind)
         rows = np.flatnonzero(columns.any(axis=1))
-        by, score, information = columns[rows], of.scores[0][:, rows], of.scores[1][:, rows[:, None], rows]
-        if np.array_equal(by, np.eye(rows.size)):  # each column is a state: no products of small matrices
+        selection, score, information = columns[rows], of.scores[0][:, rows], of.scores[1][:, rows[:, None], rows]
+        if np.array_equal(selection, np.eye(rows.size)):  # each column is one state: skip the products
             return score, information
-        return score @ by, np.asarray(by.T @ information @ by)
+        return score @ selection, np.asarray(selection.T @ information @ selection)
 
     def columns(self, kind: Kind) -> FloatArray:
-        """Build the effect of each column of a kind on the states, (n, d); (n, 0) if the record lacks the states."""
-        found = np.zeros((self.start.shape[0], len(kind.steps)))
+        """Build the columns of a kind, (n, d), with ones at the states that step; (n, 0) without such a state."""
+        matrix = np.zeros((self.start.shape[0], len(kind.steps)))
         for column, names in enumerate(kind.steps):
             for name, axis in (each.rsplit(" ", 1) for each in names):
                 if name not in self.states:
-                    return found[:, :0]
-                found[self.states[name] + int(axis), column] = 1.0
-        return found
+                    return matrix[:, :0]
+                matrix[self.states[name] + int(axis), column] = 1.0
+        return matrix
 
     def run(self, steps: tuple[Step, ...], weights: FloatArray, noise: Noise) -> Pass:
-        """Compute likelihood, scores and residuals with faults, weights (m, 3) and noise; see `WEIGHTED`."""
+        """Compute likelihood, scores and residuals for given faults, noise and weights (m, 3); see `WEIGHTED`."""
         system, jumps, start = self._with(steps, noise)
-        by = np.exp(2.0 * np.array(noise.figures[:IMU])) * [1.0 - noise.share, 1.0]
+        factor = np.exp(2.0 * np.array(noise.figures[:IMU])) * [1.0 - noise.share, 1.0]
         z, h, fed = self.measured
-        measured = z, h, self.variance * np.repeat(by / weights[:, :2], 3, axis=1), fed
+        measured = z, h, self.variance * np.repeat(factor / weights[:, :2], 3, axis=1), fed
         system = *system[:3], system[3] / weights[:, 2, None, None], *system[4:]
-        m, n, at = self.time.size, self.start.shape[0], self.states["correlated"]
-        rows = np.array([*range(NAV), at, at + 1, at + 2])
+        m, n, lasting = self.time.size, self.start.shape[0], self.states["correlated"]
+        rows = np.array([*range(NAV), lasting, lasting + 1, lasting + 2])
         out = np.empty((m, 6)), np.empty((m, 6)), np.empty((m, 6, n)), rows, np.empty((m, 12)), np.empty((m, 12, n))
         cost: float = linear.forward(system, measured, (np.zeros(n), start), jumps, out)
         spans = (range(step.begin, step.end if step.kind.fills else step.begin + 1) for step in steps)
         rows = np.array(sorted({0, *chain(*spans)}))
-        alive = n if jumps[1][:, -FAULTS:].any() else n - FAULTS  # without faults of fixes, their states are zero
+        active = n if jumps[1][:, -FAULTS:].any() else n - FAULTS  # without faults of fixes, fault states stay zero
         variance, inner = measured[2], (system, measured, out)
-        score, information, u, uu, told, driven = run_back(inner, rows, alive)
+        score, information, u, uu, smoothed, driven = run_back(inner, rows, active)
+        # the derivative of the cost by a log variance is the number of values minus their expected squares
         white = np.where(variance > 0.0, variance * (uu - u**2), 0.0).reshape(m, 2, 3).sum(axis=2)
         slopes = np.column_stack([white, driven])  # derivatives of the cost by log variances of position, velocity, IMU
         counts = np.column_stack([(variance > 0.0).reshape(m, 2, 3).sum(axis=2), np.full(m, NAV)])
         first, kept = information[0] - np.outer(score[0], score[0]), (rows, score, information)
-        slope = self._slope(noise, slopes.sum(axis=0), first, told[:, :, NAV:])
-        return Pass(cost, (counts - slopes) / weights, told[:, 0, :NAV].copy(), slope, inner, kept)
+        slope = self._slope(noise, slopes.sum(axis=0), first, smoothed[:, :, NAV:])
+        return Pass(cost, (counts - slopes) / weights, smoothed[:, 0, :NAV].copy(), slope, inner, kept)
 
     def _slope(self, noise: Noise, by_blocks: FloatArray, first: FloatArray, told: FloatArray) -> FloatArray:
-        """Compute derivatives of the cost by the noise figures (5,), with their prior.
+        """Compute derivatives of the cost by the noise figures (5,), including their prior.
 
         `by_blocks` (3,): derivatives by the logarithms of the variances of positions, velocities and IMU. `first`:
-        information minus squared score at the start. `told` (m, 4, 3): of the time-correlated errors, see
+        information minus squared score at the start. `told` (m, 4, 3): smoothed time-correlated errors, see
         `insnav.kernels.linear.backward`.
         Source: S. J. Koopman, N. Shephard, "Exact score for time series models in state space form", Biometrika 79
         (1992) 823-826.
         """
         share, rate, lasting = noise.share, self.system[0] / noise.time, noise.lasting(self.correlated_sd)
-        late, r, both, free = np.swapaxes(told, 0, 1)
-        both, free, by = both - r * late, free - r**2, self.lasting[:, : first.shape[0]]  # of noise and state, smoothed
-        size = (-np.expm1(-2.0 * rate) @ free + np.einsum("in,nk,ik->i", by, first, by)) @ lasting
-        time = 2.0 * rate @ (both - lasting * free).sum(axis=1)
+        error, score, product, information = np.swapaxes(told, 0, 1)
+        product, information, by = product - score * error, information - score**2, self.lasting[:, : first.shape[0]]
+        size = (-np.expm1(-2.0 * rate) @ information + np.einsum("in,nk,ik->i", by, first, by)) @ lasting
+        time = 2.0 * rate @ (product - lasting * information).sum(axis=1)
         position, velocity, imu = 2.0 * by_blocks
-        more = position + 2.0 * size, velocity, imu, (1.0 - share) * size - share * by_blocks[0], time
-        return np.asarray(more + 2.0 * np.divide(noise.figures, noise.sd**2))
+        slopes = position + 2.0 * size, velocity, imu, (1.0 - share) * size - share * by_blocks[0], time
+        return np.asarray(slopes + 2.0 * np.divide(noise.figures, noise.sd**2))
 
     def cross(self, of: Pass, columns: FloatArray, at: int, reach: int) -> FloatArray:
-        """Compute the cross information of steps at one epoch and at each other epoch, (m, d, d).
+        """Compute the cross information between a step before epoch `at` and a step before each other epoch, (m, d, d).
 
-        `reach`: number of later epochs, or of earlier epochs if negative. Other epochs are zero.
+        `reach`: number of later epochs, or of earlier epochs if negative. Beyond it, the result is zero.
         """
         last = int(np.clip(at + reach, 0, self.time.size - 1))
         return np.asarray(linear.cross(*of.inner, of.scores[1], at, columns, last))
@@ -403,14 +406,14 @@ class LinearRecord:
     def _with(
         self, steps: tuple[Step, ...], noise: Noise
     ) -> tuple[tuple[NDArray[Any], ...], tuple[NDArray[Any], ...], FloatArray]:
-        """Apply noise and faults: system, epochs and sizes of covariance increases, and first covariance."""
+        """Apply noise and faults: return the system, covariance increases with their epochs, and first covariance."""
         span, phi, fade, q, qd = self.system
-        by, at, lasting = np.exp(2.0 * noise.figures[IMU]), self.states["correlated"], noise.lasting(self.correlated_sd)
+        by, i, lasting = np.exp(2.0 * noise.figures[IMU]), self.states["correlated"], noise.lasting(self.correlated_sd)
         fade, qd, start = fade.copy(), qd.copy(), self.start + self.lasting.T * lasting @ self.lasting
-        kept = np.exp(-span / noise.time)[:, None]
-        fade[:, at : at + 3], qd[:, at : at + 3] = kept, (1.0 - kept**2) * lasting
+        decay = np.exp(-span / noise.time)[:, None]
+        fade[:, i : i + 3], qd[:, i : i + 3] = decay, (1.0 - decay**2) * lasting
         cleared: IntArray = np.zeros(span.size, dtype=np.int64)
-        opened: list[tuple[int, FloatArray]] = []
+        increases: list[tuple[int, FloatArray]] = []
         first = self.states["offset"]
         for step in steps:
             if step.kind is RETURN:
@@ -422,14 +425,14 @@ class LinearRecord:
             if step.kind.fills:
                 inside = slice(step.begin, step.end)
                 fade[inside, first : first + 3] = np.exp(-span[inside, None] / FADES)
-                opened += [(k, g) for k in range(step.begin, step.end)]
+                increases += [(k, g) for k in range(step.begin, step.end)]
             else:
-                opened.append((step.begin, g))
+                increases.append((step.begin, g))
             if step.end and step.kind.name in CLEARED:
                 cleared[step.end] |= CLEARED[step.kind.name]
             elif step.end:
-                opened.append((step.end, g))
-        opened.sort(key=lambda each: each[0])
-        rows = np.array([row for row, _ in opened], dtype=np.int64)
-        jumps = rows, np.array([g for _, g in opened]).reshape(rows.size, self.start.shape[0], 3)
+                increases.append((step.end, g))
+        increases.sort(key=lambda each: each[0])
+        rows = np.array([row for row, _ in increases], dtype=np.int64)
+        jumps = rows, np.array([g for _, g in increases]).reshape(rows.size, self.start.shape[0], 3)
         return (span, phi, fade, by * q, qd, cleared), jumps, start

@@ -1,7 +1,7 @@
-"""State, covariance and smoother history, changed only together: predict, correct, restart.
+"""State, covariance and smoother history of the filter: `Estimate` changes all three together.
 
 filterpy checks nothing: one NaN, one wrong shape or one negative variance silently corrupts all later results. `Engine`
-checks all its input and output.
+checks its input and output.
 """
 
 from __future__ import annotations
@@ -29,20 +29,20 @@ from insnav.kernels.measurements import NOT_FINITE, fault_of, inverse, measureme
 from insnav.strapdown import TIME_TOLERANCE
 from insnav.types import FloatArray, RoundingChange, StateChange
 
-MAX_REPAIRS = 10  # rounding causes one or two in hours; more indicate a defect of model or data
-# filterpy imports all its parts, and for them scipy.stats and scipy.linalg, in half a second; no run needs these
+MAX_REPAIRS = 10  # rounding errors need one or two in hours; more indicate a defect of model or data
+# filterpy imports all its modules, scipy.stats and scipy.linalg in half a second: defer modules that no run needs
 with deferred("filterpy.discrete_bayes", "filterpy.stats", "scipy.linalg"):
     KalmanFilter: Any = import_module("filterpy.kalman").KalmanFilter
 
 
 class Engine:
-    """Closed-loop error-state filter: the state is zero before every update; starts from a covariance, (n, n)."""
+    """Closed-loop error-state filter with checks. The state is zero before each update. `covariance`: initial."""
 
     def __init__(self, covariance: FloatArray) -> None:
         n = covariance.shape[0]
         self._filter = KalmanFilter(dim_x=n, dim_z=6)
         self._filter.P = covariance.copy()
-        # numpy's inverse takes longer than the rest of an update with three numbers
+        # for three numbers, numpy's inverse would take most of the time of an update
         self._filter.inv = inverse
         self._zero = np.zeros((n, 1))
         self.repairs = 0
@@ -64,12 +64,12 @@ class Engine:
         return self._check(time, self._zero[:, 0])
 
     def update(self, z: FloatArray, h: FloatArray, r: FloatArray, time: float) -> tuple[FloatArray, bool]:
-        """Apply a measurement: predicted minus measured, (m,), its derivative, (m, n), and its covariance.
+        """Apply a measurement: predicted minus measured `z` (m,), its derivative `h` (m, n), its covariance `r` (m, m).
 
         Returns: `error` (n,): estimated error, to subtract from the state.
         Raises: DivergenceError: as in `predict`; also if the measurement is not finite or its covariance not positive.
         """
-        r = np.ascontiguousarray(r)  # one memory layout, one compiled kernel
+        r = np.ascontiguousarray(r)  # with one memory layout, numba compiles once
         if measurement_fault(z, h, r):
             raise DivergenceError(
                 "filter.bad_measurement", where=f"t = {time:.3f} s", innovation=str(z), variance=str(np.diagonal(r))
@@ -92,7 +92,7 @@ class Engine:
         self.repairs += 1
         if self.repairs > MAX_REPAIRS:
             raise DivergenceError("filter.no_variance", where=f"t = {time:.3f} s", count=self.repairs)
-        # relative to each state's own standard deviation: a common floor would follow the largest
+        # scale states by their standard deviations: a common limit would suit only the largest ones
         scale = np.sqrt(np.abs(np.diagonal(self._filter.P)))
         live = scale > 0.0
         unit = np.where(live, scale, 1.0)
@@ -104,30 +104,30 @@ class Engine:
 
 
 SUBSTEP = 0.1  # longest sub-step of transition and noise: a car turns by less than 6 deg in it [s]
-# unseen change of rate [rad/s^2] and specific force [m/s^3] in a gap, and largest error assumed [rad], [m/s]
+# motion in a data gap: change of rate [rad/s^2], of specific force [m/s^3]; limits of the errors by it [rad], [m/s]
 GAP_NOISE = np.array([0.1, 0.5, 0.3, 20.0])
-# added at a reset: its cause, perhaps a bias step, has also tilted and rotated the frame [rad]
+# attitude sd added at a reset: the cause of the reset, perhaps a bias step, also rotated the attitude [rad]
 ATTITUDE_RESET_SD = np.deg2rad([6.0, 6.0, 10.0])
-BIAS_RESET_SD = np.array([*np.deg2rad([0.5, 0.5, 0.5]), 0.2, 0.2, 0.2])  # bias step that may cause it [rad/s], [m/s^2]
-VELOCITY_RESET_SD = 5.0  # velocity sd of a reset by fixes without velocity [m/s]
-NONE = np.empty(0)  # no history row
-RESET_FACTOR = 3.0  # factor on the sd of the fix of a reset, as it follows many rejected fixes
+BIAS_RESET_SD = np.array([*np.deg2rad([0.5, 0.5, 0.5]), 0.2, 0.2, 0.2])  # bias sd added at a reset [rad/s], [m/s^2]
+VELOCITY_RESET_SD = 5.0  # velocity sd added at a reset by fixes without velocity [m/s]
+NONE = np.empty(0)  # empty row, if the run keeps no history for the smoother
+RESET_FACTOR = 3.0  # factor on the sd of the fix at a reset: many fixes before it were rejected
 
 
 @dataclass(frozen=True, slots=True)
 class Across:
-    """Dependence of a new alignment after a gap on the sensor errors.
+    """Relation of a new alignment after a gap to the sensor errors.
 
-    The motion in the gap is unknown, but the sensor errors are known. The transition of position, velocity and attitude
-    is zero. The smoother carries later information on the sensors back into earlier parts.
+    The motion in the gap is unknown, so position, velocity and attitude are independent of the part before it. The
+    sensor errors continue: they relate both parts, and the smoother carries information on them across the gap.
     """
 
-    slope: FloatArray  # (9, 12) of position, velocity, attitude error by sensor error
-    own: FloatArray  # (9, 9) covariance from other causes
+    slope: FloatArray  # (9, 12) derivative of position, velocity and attitude errors by sensor errors
+    own: FloatArray  # (9, 9) covariance of these errors from other causes
 
     @classmethod
     def of(cls, initial: InitialState) -> Across:
-        """Derive it from the covariance of an initial state with uncorrelated sensor errors."""
+        """Derive the relation from the covariance of an initial state. Its sensor errors are uncorrelated."""
         p = initial.covariance
         variance = np.diag(p)[NAV:]
         slope = np.where(variance > 0.0, p[:NAV, NAV:] / np.where(variance > 0.0, variance, 1.0), 0.0)
@@ -137,10 +137,10 @@ class Across:
 class Estimate:
     """State and covariance of the filter.
 
-    `all` is the array of all estimates, see `insnav.kernels.epoch`. Parts of it: `x`, `correction`, `motion`, `shaken`,
-    `lever` (3,) [m] and `delay` [s]. `doubt` limits the certainty of the delay, see there. `at` holds the state
-    indices, `places` the table of the further blocks. `span` (1,): time since the last epoch [s]. `history`:
-    for the smoother. `note` records an event. `coast`: longest time between filter epochs [s].
+    `all` is the array of all estimates, see `insnav.kernels.measurements`. Views of it: `x`, `correction`, `motion`,
+    `shaken`, `lever` (3,) [m] and `delay` [s]. `doubt`: lower limit of the delay sd, see `insnav.kernels.epoch`. `at`:
+    indices of the states. `places`: table of the further blocks. `span` (1,): time since the last epoch [s]. `history`:
+    epochs for the smoother. `note`: function that records an event. `coast`: longest time between filter epochs [s].
     """
 
     def __init__(self, ready: FilterInput, start: FilterState, note: Callable[[Finding], None], coast: float) -> None:
@@ -175,11 +175,11 @@ class Estimate:
         self._rough = explained.rough
         self._changes = [change for change in explained.changes if change.time > start.time]
         self._rounding = [change for change in ready.rounding if change.time > start.time]
-        # of each gyro at its last change of rounding errors: bias without these, its variance (unknown at first), time
+        # of each gyro at its last change of rounding error: bias without this error, variance (unknown at first), time
         self._bias = np.tile([0.0, 1.0, start.time], (3, 1))
         begin, rest = alignment.static or (-np.inf, -np.inf)
         rest = max(rest, alignment.left)
-        part = (rest - begin) / (len(alignment.sway) + 1)  # changes occur between parts
+        part = (rest - begin) / (len(alignment.sway) + 1)  # length of a part; `sway` is the change from part to part
         sway = alignment.sway**2 / part
         limit = np.array([SUBSTEP, coast, begin, rest if rest - begin >= LONG_REST else -np.inf])
         self._noise = errorstate.Model(limit, ready.model.noise, GAP_NOISE, ready.model.decay, sway)
@@ -198,7 +198,7 @@ class Estimate:
 
     @property
     def covariance_now(self) -> FloatArray:
-        """Covariance of the error states at the time of the state, but for an open sub-step, (n, n)."""
+        """Covariance of the error states, propagated to the last complete sub-step, (n, n)."""
         if self.span[0] == 0.0:
             return self.covariance.copy()
         phi = self._phi.copy()
@@ -206,21 +206,21 @@ class Estimate:
         return phi @ self.covariance @ phi.T + self._q
 
     def saved(self) -> tuple[Any, ...]:
-        """Copy everything that changes; the engine replaces its covariance, never parts of it."""
+        """Copy everything that changes. The engine never modifies its covariance in place: a reference is enough."""
         arrays = [each.copy() for each in self._changing]
         expected = tuple(self._changes), tuple(self._rounding), self._bias.copy()
         return arrays, self._engine.covariance, self._engine.repairs, *expected, self._noise
 
     def go_back(self, saved: tuple[Any, ...]) -> None:
-        """Restore a state from `saved`."""
+        """Restore a state that `saved` returned."""
         arrays, covariance, self._engine.repairs, changes, rounding, bias, self._noise = saved
-        for each, values in zip(self._changing, arrays, strict=True):
-            each[:] = values
+        for array, values in zip(self._changing, arrays, strict=True):
+            array[:] = values
         self._changes, self._rounding, self._bias = list(changes), list(rounding), bias.copy()
         self._engine.replace_covariance(covariance)
 
     def kept(self, time: float) -> FilterState:
-        """Copy the whole state, to continue from."""
+        """Copy the complete state at `time` [s], from which another filter can continue."""
         phi = self._unity.copy()
         epoch.turn(phi, self.all.copy())
         if self.at.lever >= 0:
@@ -233,7 +233,7 @@ class Estimate:
     def propagate(
         self, samples: errorstate.Samples, first: int, last: int, close: bool, out: errorstate.Outputs
     ) -> int:
-        """Propagate the state over samples from `first`, at most to `last`; see `errorstate.propagate`."""
+        """Propagate the state over samples `first` to at most `last`, and return the next index; see `errorstate`."""
         k: int = errorstate.propagate(
             *(first, last, close, *samples, *self._carried, *self._noise, self._phi, self._q, *out, *self._work)
         )
@@ -241,17 +241,17 @@ class Estimate:
 
     @property
     def least_delay_sd(self) -> float:
-        """Least plausible standard deviation of the delay [s]: search and filter may disagree."""
+        """Least plausible standard deviation of the delay [s], as search and filter may disagree."""
         return float(epoch.least_delay_sd(self.all, self.doubt))
 
     def stated(self) -> FloatArray:
-        """Covariance with a plausible standard deviation of the delay; gains use the filter's own covariance."""
-        found: FloatArray = errorstate.less_sure(self.covariance, self.least_delay_sd)
-        return found
+        """Return the reported covariance, with a plausible sd of the delay. Gains use the unchanged covariance."""
+        covariance: FloatArray = errorstate.less_sure(self.covariance, self.least_delay_sd)
+        return covariance
 
     def predict(self, time: float) -> None:
-        """Propagate the covariance to `time`: a filter epoch."""
-        if near_pole(self.x[0]):  # a local-level frame is unusable
+        """Begin a filter epoch: propagate the covariance to `time` [s], with known changes and rounding errors."""
+        if near_pole(self.x[0]):  # a local-level frame is singular there
             raise InputError("filter.at_pole", where=f"t = {time:.3f} s")
         times, sds = self._fading_time, self._fading_sd
         for rough in self._rough if self._gps_noise is not None else ():
@@ -268,22 +268,22 @@ class Estimate:
         epoch.predicted(row, time, self.all, self.doubt, self.covariance, self._phi, self._q, self.span, self.before)
 
     def _round(self, found: RoundingChange) -> None:
-        """Give coarse gyros other rounding errors.
+        """Replace the rounding errors of coarse gyros by new ones.
 
-        A correction is the sum of bias b and rounding error r, of variance v. Since the last change, b had variance V.
-        Regression, as in a smoother, gives b of the sum now with the factor V / (V + v); V v / (V + v) is left.
+        The correction of a gyro is the sum of its bias b and its rounding error r, with variances V and v. The bias is
+        the part V / (V + v) of the change of this sum, with the variance V v / (V + v). Then a new error r begins.
         """
         for axis in np.flatnonzero(~np.isnan(found.before)).tolist():
             state, before = NAV + axis, float(found.before[axis])
             bias, variance, since = self._bias[axis]
             variance += self._noise.noise[6 + axis] * (found.time - since)
-            share = variance / (variance + before)
-            self.correction[axis] = bias + share * (self.correction[axis] - bias)
-            for each in (self._phi[state], self._q[state], self._q[:, state]):
-                each *= share
-            self._q[state, state] += share * before
-            known = float(self._phi[state] @ self.covariance @ self._phi[state] + self._q[state, state])
-            self._bias[axis] = self.correction[axis], known, found.time
+            part = variance / (variance + before)
+            self.correction[axis] = bias + part * (self.correction[axis] - bias)
+            for row in (self._phi[state], self._q[state], self._q[:, state]):
+                row *= part
+            self._q[state, state] += part * before
+            variance_now = float(self._phi[state] @ self.covariance @ self._phi[state] + self._q[state, state])
+            self._bias[axis] = self.correction[axis], variance_now, found.time
             self._q[state, state] += found.after[axis]
 
     def _change(self, found: StateChange) -> None:
@@ -293,27 +293,27 @@ class Estimate:
         errorstate.feed_back(self.x, self.correction, error)
         self._bias[:, 0] -= error[NAV : NAV + 3]
         self._q[part, part] += np.diag(np.maximum(found.variance - np.diag(self.covariance)[part], 0.0))
-        if found.first == NAV:  # it has rotated the IMU for a time between two epochs
+        if found.first == NAV:  # a gyro fault rotated the IMU for up to one epoch before
             self._q[6:9, 6:9] += self._coast**2 * (found.change @ found.change + found.variance.max()) * np.eye(3)
-        if found.first >= NAV and found.change.any():  # a stepped bias does not fade
+        if found.first >= NAV and found.change.any():  # a bias that has stepped does not decay
             decay = self._noise.decay.copy()
             decay[found.first - NAV : found.first - NAV + 3] = 0.0
             self._noise = self._noise._replace(decay=decay)
 
     def epoch(self, time: float) -> None:
-        """Start another epoch at the time of the last, for a further measurement."""
+        """Start another epoch at the time of the last one, for a further measurement."""
         if self.history is not None:
             self.history.epoch(time, *self._seen, self._unity, self.covariance)
 
     def correct(self, time: float, z: FloatArray, h: FloatArray, r: FloatArray) -> None:
-        """Apply a measurement: predicted minus measured, its derivative by the error states, its covariance."""
+        """Apply a measurement: predicted minus measured `z`, its derivative `h` by the states, its covariance `r`."""
         error, repaired = self._engine.update(z, h, r, time)
         row = NONE if self.history is None else self.history.last
         epoch.take(row, self.all, error, self.places, self._settled)
         self._note_repair(time, repaired)
 
     def restart(self, time: float, z: FloatArray, position_sd: FloatArray, velocity_sd: FloatArray | None) -> None:
-        """Set position, and velocity if its standard deviation is given, to a fix, with a matching covariance.
+        """Reset position, and velocity if its standard deviation is given, to a fix, with a matching covariance.
 
         `z` (6,): predicted minus measured position [m] and velocity [m/s]. The standard deviations belong to the fix.
         """
@@ -329,8 +329,8 @@ class Estimate:
             p[3:6, 3:6] += VELOCITY_RESET_SD**2 * np.eye(3)
         p[6:15, 6:15] += np.diag(np.concatenate([ATTITUDE_RESET_SD, BIAS_RESET_SD]) ** 2)
         errorstate.feed_back(self.x, self.correction, error)
-        by = set_to_fix(self.at, self.x[3:6], dcm_from_quat(self.x[6:]))
-        p = by @ p @ by.T
+        mapping = set_to_fix(self.at, self.x[3:6], dcm_from_quat(self.x[6:]))
+        p = mapping @ p @ mapping.T
         self._begin_at_fix(p)
         if self.history is not None:
             self.history.restart(time, *self._seen, p)
@@ -346,8 +346,8 @@ class Estimate:
         decay, driving = self._noise.decay, self._noise.noise[6:18]
         fade = np.exp(-decay * span)
         phi[sensors, sensors] = np.diag(fade)
-        grown = np.where(decay > 0.0, (1.0 - fade**2) / np.where(decay > 0.0, 2.0 * decay, 1.0), span)
-        q[sensors, sensors] = np.diag(driving * grown)
+        growth = np.where(decay > 0.0, (1.0 - fade**2) / np.where(decay > 0.0, 2.0 * decay, 1.0), span)
+        q[sensors, sensors] = np.diag(driving * growth)
         phi[self._fading[:, 0]] = 0.0
         p = phi @ self.covariance @ phi.T + q
         phi[:NAV, sensors] = across.slope * fade
@@ -355,23 +355,23 @@ class Estimate:
         p[NAV:, :NAV] = p[:NAV, NAV:].T
         p[:NAV, :NAV] = across.own + across.slope @ p[sensors, sensors] @ across.slope.T
         x, c = np.concatenate([start.lla, start.v_n, quat_from_rph(start.rph)]), dcm_from_rph(start.rph)
-        # the alignment used the specified sensor errors, delay and lever arm; the filter now has better estimates
+        # correct the alignment, made with specified sensor errors, delay and lever arm, by the estimates of the filter
         error = np.zeros(STATES)
         error[:NAV] = -across.slope @ (self.correction - np.concatenate([start.gyro_bias, np.zeros(9)]))
         error[:3] -= start.v_n * self.delay - c @ (self.lever - self._lever_given)
         errorstate.feed_back(x, self.correction, error)
         self.x[:] = x
         self.motion[:] = 0.0
-        # independent of delay and lever arm: the smoother's transitions carry no position for them
-        by = set_to_fix(self.at, start.v_n, c)[:3, STATES:]
-        p[:3, :3] += by @ p[STATES:, STATES:] @ by.T
+        # add the uncertainty of delay and lever arm, uncorrelated: the smoother has no transition from them to position
+        mapping = set_to_fix(self.at, start.v_n, c)[:3, STATES:]
+        p[:3, :3] += mapping @ p[STATES:, STATES:] @ mapping.T
         self._begin_at_fix(p)
         errorstate.reset_transition(self._phi, self._q, self.span)
         if self.history is not None:
             self.history.epoch(start.time, *self._seen, phi, p)
 
     def _begin_at_fix(self, p: FloatArray) -> None:
-        """Set the covariance of a position from a fix, which has its time-correlated error; clear old corrections."""
+        """Set the covariance of a position set to a fix with time-correlated errors. Clear sums of corrections."""
         self.arm[3:] = self._swung[:] = 0.0
         self.all[measurements.CORRECTED] = self.all[measurements.TURNED] = self.all[measurements.SQUARES] = 0.0
         self.all[measurements.BEGAN] = self.x[3:5]

@@ -1,4 +1,4 @@
-"""Fine alignment: filter a stationary record with zero velocity and fixed position as measurements."""
+"""Fine alignment: run the filter over a stationary record, with zero velocity and a fixed position as fixes."""
 
 from __future__ import annotations
 
@@ -19,28 +19,28 @@ from insnav.findings import Code
 from insnav.imu.specification import ImuSpec
 from insnav.types import Alignment, FloatArray, GpsData, ImuData
 
-POSITION_SD = 0.1  # a vehicle moved by wind and people [m]
-INTERVAL = 1.0  # between zero-velocity updates: vehicle motion is correlated over shorter times [s]
-COARSE_SHARE, COARSE_TIME = 0.1, 10.0  # part of the record, and least time [s], of the coarse alignment
+POSITION_SD = 0.1  # position sd of a stationary vehicle, moved by wind and people [m]
+INTERVAL = 1.0  # time between zero-velocity updates: vehicle motion over less time is correlated [s]
+COARSE_SHARE, COARSE_TIME = 0.1, 10.0  # length of the first, coarse alignment: share of the record, and least [s]
 
 
 @dataclass(frozen=True, slots=True)
 class FineAlignment:
     """Alignment of a stationary record."""
 
-    coarse: Alignment  # from the means of the whole record
-    fine: Alignment | None  # by the filter, at the end of the record; None without visible Earth rotation
+    coarse: Alignment  # alignment from the means of the whole record
+    fine: Alignment | None  # alignment by the filter, at the end; None without observable Earth rotation
     sensor_latitude: float  # latitude from the sensors alone [rad]
-    latitude: float  # latitude as given [rad]
+    latitude: float  # specified latitude [rad]
 
 
 def fine_alignment(
     imu: ImuData, spec: ImuSpec, lla: FloatArray, rest: tuple[float, float], heading: float | None = None
 ) -> FineAlignment:
-    """Align a stationary record, first from means, then with the filter, zero velocity and fixed position.
+    """Align a stationary record: coarse from the means of the samples, then fine with the filter.
 
     `lla` (3,): latitude, longitude [rad], height [m]. `rest`: stationary interval [s]. `heading`: given heading [rad].
-    Raises: AlignmentError: fewer than two samples in the interval.
+    Raises: AlignmentError: fewer than ten samples in the interval.
     """
     inside = (imu.time >= rest[0]) & (imu.time <= rest[1])
     if inside.sum() < 10:
@@ -57,7 +57,7 @@ def fine_alignment(
     latitude = latitude_from_sensors(means)
     if not np.isfinite(coarse.sd[2]) or unexplained_rate(means, spec, float(lla[0])) > 0.0:
         return FineAlignment(coarse, None, latitude, float(lla[0]))
-    # the first part gives the initial attitude. In records over 20 s, the filter uses only later samples
+    # the first part gives the initial attitude of the filter, which then uses only later samples in records over 20 s
     first = min(end, begin + max(COARSE_TIME, COARSE_SHARE * (end - begin)))
     start = align_static(parts, spec, float(lla[0]), float(lla[2]), (begin, first), heading)
     if not np.isfinite(start.sd[2]):
@@ -76,14 +76,14 @@ def fine_alignment(
     navigator = Navigator(FilterInput(imu, still, model, starts, nominal, output=Output(1.0)))
     navigator.feed(imu)
     run = navigator.finish()
-    last = run.solution
-    assert last.sd is not None
+    solution = run.solution
+    assert solution.sd is not None
     bias, bias_sd = run.sensor_errors.value[-1, :3], run.sensor_errors.sd[-1, :3]
     fine = replace(
         coarse,
-        time=float(last.time[-1]),
-        rph=last.rph[-1],
-        sd=last.sd[-1, 6:],
+        time=float(solution.time[-1]),
+        rph=solution.rph[-1],
+        sd=solution.sd[-1, 6:],
         gyro_bias=bias,
         gyro_bias_sd=bias_sd,
         level_method=Code.ALIGN_LEVEL_FILTER,

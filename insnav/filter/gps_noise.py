@@ -1,7 +1,7 @@
 """Noise of the fixes: unreported standard deviations, lag of velocity behind position, time-correlated errors.
 
-Multipath and atmosphere change over tens of seconds. A filter that assumes white errors is over-confident: it averages
-many fixes. With velocities, this module estimates the errors, which become states of the filter.
+Multipath and atmospheric errors change over tens of seconds. A filter that assumes white errors averages many fixes and
+is over-confident. From velocities, this module estimates the size of these errors, which become states of the filter.
 """
 
 from __future__ import annotations
@@ -23,39 +23,39 @@ from insnav.strapdown import Intervals
 from insnav.types import BoolArray, FloatArray, GpsData
 from insnav.units import DEG
 
-POSITION_FLOOR, VELOCITY_FLOOR = 0.03, 0.05  # smallest standard deviation assumed [m], [m/s]
-ALIKE = 2.0  # whole error of fixes over their fix-to-fix scatter, if no sd is reported [-]
-AT_ONCE = 1 << 16  # numbers per component sorted at a time
-WINDOW = 10.0  # time before and after for the scatter: shorter is noise, longer misses a tunnel's end [s]
-# Stand-alone receiver [m], [m/s]: most of the position error changes over minutes, invisible in fix-to-fix scatter.
+POSITION_FLOOR, VELOCITY_FLOOR = 0.03, 0.05  # least assumed sd of position [m], velocity [m/s]
+ALIKE = 2.0  # assumed ratio of the whole error to the fix-to-fix scatter, if no sd is reported [-]
+AT_ONCE = 1 << 16  # numbers per component that are sorted at a time
+WINDOW = 10.0  # half width of the scatter window: a shorter one is noisy, a longer one misses a tunnel's end [s]
+# Sd of a stand-alone receiver [m], [m/s]. Most of the position error changes over minutes: fix-to-fix scatter hides it.
 # Data sheet of the ZED-F9P (UBX-17051259): horizontal 1.5 m CEP, which is 1.177 sd of one axis.
 DEFAULT_POSITION, DEFAULT_VELOCITY = (1.5, 1.5, 3.0), (0.2, 0.2, 0.3)
 DISTINCT = 5  # least number of distinct latitudes and longitudes, or velocities, to find a rounding step
-ON_STEP = 0.1  # of a step: tolerance of velocities to its multiples, from decimals
-FINEST = 4  # decimals of relevant velocity steps [m/s]
-CARRIER = 0.1  # position scatter beyond this is not carrier-phase quality [m]
-FLOAT, FLOAT_SD = 2, 0.3  # ambiguities not fixed: decimetres at best, whatever the reported sd [m]
-FIXED, DGPS = 1, 4  # further fix types; with satellite corrections 1.0 m CEP, same data sheet
+ON_STEP = 0.1  # tolerance of values to multiples of the rounding step, as a share of the step [-]
+FINEST = 4  # decimals of the finest velocity step that matters [m/s]
+CARRIER = 0.1  # positions with more scatter are not of carrier-phase quality [m]
+FLOAT, FLOAT_SD = 2, 0.3  # fix type with float ambiguities, and its least sd, whatever the receiver reports [m]
+FIXED, DGPS = 1, 4  # further fix types; DGPS: 1.0 m CEP in the same data sheet
 BY_FIX = {FIXED: (POSITION_FLOOR,) * 3, FLOAT: (FLOAT_SD, FLOAT_SD, 2.0 * FLOAT_SD), DGPS: (1.0, 1.0, 2.0)}  # [m]
-OPEN_SD = 100.0  # of an unmeasured height [m] or vertical velocity [m/s]: the largest of a usable fix, almost no weight
-SPARSE = 2.0  # at longer intervals the velocity in between is unknown: motion dominates the scatter [s]
-LAG_WORTH = 0.03  # a smaller lag is not corrected: at 2 m/s^2 it makes 0.06 m/s, the noise of a good velocity [s]
+OPEN_SD = 100.0  # sd of an unmeasured height [m] or vertical velocity [m/s]: usable, but with almost no weight
+SPARSE = 2.0  # longest interval between fixes for estimates from scatter: motion dominates longer ones [s]
+LAG_WORTH = 0.03  # a smaller lag is not corrected: at 2 m/s^2 it causes 0.06 m/s, the noise of a good velocity [s]
 
 
 def heights_measured(lla: FloatArray) -> bool:
-    """Return whether heights (n, 3) are measured, not one constant in every row while the vehicle moves."""
+    """Test whether heights in `lla` (n, 3) are measured. A constant height in a moving vehicle is not."""
     return len(lla) < 2 or bool(np.ptp(lla[:, 2]) > 0.0 or np.ptp(lla[:, 0]) == 0.0)
 
 
 def vertical_measured(v_n: FloatArray) -> bool:
-    """Return whether vertical velocities are measured, not one constant in every row (n, 3) while others change."""
-    known = v_n[np.isfinite(v_n).all(axis=1)]
-    changes = known.max(axis=0, initial=-np.inf) - known.min(axis=0, initial=np.inf)
+    """Test whether vertical velocities in `v_n` (n, 3) are measured. A constant while the others change is not."""
+    complete = v_n[np.isfinite(v_n).all(axis=1)]
+    changes = complete.max(axis=0, initial=-np.inf) - complete.min(axis=0, initial=np.inf)
     return bool(changes[2] != 0.0 or not changes[:2].any())
 
 
 def name_lag(lag: float, sd: float) -> Finding:
-    """Report the lag of velocities behind positions [s] that insnav corrects."""
+    """Report the lag of velocities behind positions [s], which insnav corrects, and its sd [s]."""
     return Finding.of(Code.GPS_VELOCITY_LAG, lag_s=lag, lag_sd_s=max(sd, 0.001))
 
 
@@ -64,7 +64,7 @@ def velocity_lag(gps: GpsData) -> tuple[float, float]:
 
     Some receivers combine the current position with the mean velocity since the previous fix. The slope of a spline
     through the positions, minus this velocity, is then the lag times the acceleration. A robust straight line through
-    the horizontal components estimates it.
+    these differences over acceleration, for the horizontal components, estimates the lag.
 
     Returns: `lag`, `sd` [s]. The sd is infinite with too few or too sparse fixes, or without accelerations.
     """
@@ -76,30 +76,30 @@ def velocity_lag(gps: GpsData) -> tuple[float, float]:
     step = np.diff(t)
     if np.median(step) > SPARSE:
         return 0.0, np.inf
-    gone = ned_offset(gps.lla[1:], gps.lla[:-1])[:, :2]  # fix by fix: the track may be long
-    position = Spline(t, np.vstack([np.zeros(2), np.cumsum(gone, axis=0)]))
-    even: BoolArray = np.asarray(np.abs(step / np.median(step) - 1.0) < 0.1)
-    inside: BoolArray = np.zeros(t.shape[0], dtype=bool)
-    inside[3:-2] = np.asarray(np.lib.stride_tricks.sliding_window_view(even, 5).all(axis=1), dtype=bool)
-    if inside.sum() < 40:
+    moved = ned_offset(gps.lla[1:], gps.lla[:-1])[:, :2]  # from fix to fix: the track may be long
+    position = Spline(t, np.vstack([np.zeros(2), np.cumsum(moved, axis=0)]))
+    regular: BoolArray = np.asarray(np.abs(step / np.median(step) - 1.0) < 0.1)
+    usable: BoolArray = np.zeros(t.shape[0], dtype=bool)
+    usable[3:-2] = np.asarray(np.lib.stride_tricks.sliding_window_view(regular, 5).all(axis=1), dtype=bool)
+    if usable.sum() < 40:
         return 0.0, np.inf
     v = gps.v_n[:, :2]
     change = np.zeros_like(v)
     change[1:-1] = (v[2:] - v[:-2]) / (t[2:] - t[:-2])[:, None]
-    t, v, instrument = t[inside], v[inside], change[inside].ravel()
+    t, v, instrument = t[usable], v[usable], change[usable].ravel()
     lag, sd = 0.0, np.inf
     for _ in range(20):
-        # Gauss-Newton on the spline of velocity, shifted by the current lag. Noise of its acceleration is also in the
-        # residual. The change of the measured velocity is free of it and serves as instrumental variable (Soderstrom
+        # Gauss-Newton step for the lag. Noise of the spline's acceleration is also in the residual and would bias the
+        # slope. The change of the measured velocity has no such noise: it serves as instrumental variable (Soderstrom
         # and Stoica, "System Identification", 1989, chapter 8).
-        speed, a = position.changes(t - lag)
-        d, a = (speed - v).ravel(), a.ravel()
-        scale = 1.4826 * float(np.median(np.abs(d))) + 1e-9
-        weight = 1.0 / (1.0 + (d / (3.0 * scale)) ** 2) ** 2
-        power = float(np.sum(weight * instrument * a))
+        speed, acceleration = position.changes(t - lag)
+        residual, acceleration = (speed - v).ravel(), acceleration.ravel()
+        scale = 1.4826 * float(np.median(np.abs(residual))) + 1e-9
+        weight = 1.0 / (1.0 + (residual / (3.0 * scale)) ** 2) ** 2
+        power = float(np.sum(weight * instrument * acceleration))
         if power < 1.0:
             return 0.0, np.inf
-        correction = float(np.sum(weight * instrument * d)) / power
+        correction = float(np.sum(weight * instrument * residual)) / power
         lag = float(np.clip(lag + correction, -1.0, 1.0))
         sd = scale * float(np.sqrt(np.sum(weight * instrument**2))) / power
         if abs(correction) < 1e-5:
@@ -108,23 +108,23 @@ def velocity_lag(gps: GpsData) -> tuple[float, float]:
 
 
 def clock_offset(parts: Intervals, fixes: GpsData, *, worth: float = 0.0) -> ClockOffset | Unlike | None:
-    """Estimate the IMU clock's lag behind the positions, or find that no clock explains them; None if unknown.
+    """Estimate the clock offset from samples to positions, or find that no offset makes them agree; None if unknown.
 
     `parts`: samples as intervals. `fixes`: with standard deviations. `worth`: smaller offsets may give None [s].
     """
-    found = find_clock_offset(parts, fixes, worth=worth)
-    if not isinstance(found, ClockOffset):
-        return found
+    offset = find_clock_offset(parts, fixes, worth=worth)
+    if not isinstance(offset, ClockOffset):
+        return offset
     lag, sd = velocity_lag(fixes)
-    return replace(found, offset=found.offset - lag) if abs(lag) > max(LAG_WORTH, 5.0 * sd) else found
+    return replace(offset, offset=offset.offset - lag) if abs(lag) > max(LAG_WORTH, 5.0 * sd) else offset
 
 
 def _scatter(
     time: FloatArray, values: FloatArray, floor: float, default: tuple[float, ...], least_scatter: float
 ) -> FloatArray:
-    """Estimate white noise of a smooth series from third differences, overall and locally: the larger.
+    """Estimate the noise sd of a smooth series (n, 3) from third differences: the larger of an overall and a local sd.
 
-    Above `least_scatter`, the scatter of carrier-phase fixes, `default` is the lower limit.
+    `floor`: lower limit. If the overall sd exceeds `least_scatter`, `default` is the lower limit.
 
     ``x[i] - 3 x[i+1] + 3 x[i+2] - x[i+3]`` removes any uniformly accelerated motion and has 20 times the variance of
     the noise. 1.4826 times the median of its magnitude is a robust standard deviation. The factor `ALIKE` accounts for
@@ -139,23 +139,23 @@ def _scatter(
     if third.shape[0] < 20:
         return np.tile(np.asarray(default), (n, 1))
     overall: FloatArray = np.median(third, axis=0)
-    # smoothing in the receiver hides metres of slow error from this estimate
+    # a receiver that smooths may have metres of slow error, which are not in the scatter
     sd_floor = np.maximum(floor, default if overall[:2].max() > least_scatter else 0.0)
     begin, end = np.searchsorted(middle, [time - WINDOW, time + WINDOW])
     count = end - begin
-    most, sd = int(count.max()), np.empty((n, 3))
-    for block in spill.blocks(n, size=1 + AT_ONCE // (most + 1)):
-        rows = begin[block, None] + np.arange(most)
-        near = np.where((rows < end[block, None])[..., None], third[np.minimum(rows, third.shape[0] - 1)], np.inf)
-        near.sort(axis=1)
+    largest_count, sd = int(count.max()), np.empty((n, 3))
+    for block in spill.blocks(n, size=1 + AT_ONCE // (largest_count + 1)):
+        rows = begin[block, None] + np.arange(largest_count)
+        window = np.where((rows < end[block, None])[..., None], third[np.minimum(rows, third.shape[0] - 1)], np.inf)
+        window.sort(axis=1)
         low, high = (np.maximum(count[block, None, None] + i, 0) // 2 for i in (-1, 0))
-        median = 0.5 * (np.take_along_axis(near, low, axis=1) + np.take_along_axis(near, high, axis=1))[:, 0]
+        median = 0.5 * (np.take_along_axis(window, low, axis=1) + np.take_along_axis(window, high, axis=1))[:, 0]
         sd[block] = np.where(count[block, None] < 5, overall, np.maximum(overall, median))
     return np.asarray(np.maximum(sd, sd_floor))
 
 
 def _third_differences(time: FloatArray, values: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return third differences whose medians are the sd of white noise, (k, c), and their times (k,) [s]."""
+    """Return scaled third differences (k, c), whose median is the sd of white noise, and their times (k,) [s]."""
     step = np.diff(time)
     even = np.max(np.column_stack([step[:-2], step[1:-1], step[2:]]), axis=1) < 1.5 * np.median(step)
     third = np.abs(np.diff(values, n=3, axis=0)) * (1.4826 / np.sqrt(20.0))
@@ -163,7 +163,7 @@ def _third_differences(time: FloatArray, values: FloatArray) -> tuple[FloatArray
 
 
 def white_noise(time: FloatArray, values: FloatArray) -> tuple[float, int]:
-    """Estimate the white noise of a smooth series (n, c), all components together, and the number of differences."""
+    """Estimate the white noise of a smooth series (n, c), norm of all components, and the number of differences."""
     if len(time) < 4:
         return 0.0, 0
     third, _ = _third_differences(time, values)
@@ -171,9 +171,9 @@ def white_noise(time: FloatArray, values: FloatArray) -> tuple[float, int]:
 
 
 def _by_fix(gps: GpsData, scatter: FloatArray) -> FloatArray:
-    """Return the standard deviation of each position by its fix type, at least its scatter (n, 3) [m]; (n, 3).
+    """Return the standard deviation of each position by its fix type, (n, 3) [m]; `scatter` (n, 3) is a lower limit.
 
-    Type 1 with the scatter of single-point fixes is a validity flag and has no meaning.
+    If the scatter is too large for fixed ambiguities, type 1 is only a validity flag.
     """
     sd = np.tile(DEFAULT_POSITION, (gps.time.shape[0], 1))
     if gps.fix is not None:
@@ -183,9 +183,10 @@ def _by_fix(gps: GpsData, scatter: FloatArray) -> FloatArray:
 
 
 def _digits(lla: FloatArray) -> int:
-    """Find the decimals of a degree in latitudes and longitudes ``(n, 3)``; zero if more than five.
+    """Find the number of decimals of latitudes and longitudes ``(n, 3)`` in degrees; zero if unknown or above five.
 
-    The rounding is unknown if a receiver stays on one step or has few fixes. The innovations reveal a tenth of a metre.
+    It is unknown if there are few fixes, or if the vehicle stays within few rounding steps. The innovations later show
+    rounding errors of a tenth of a metre.
     """
     degrees = lla[:, :2] / DEG
 
@@ -199,47 +200,47 @@ def _digits(lla: FloatArray) -> int:
 
 
 def _rounding(values: FloatArray) -> tuple[float, FloatArray]:
-    """Find the rounding step of values (n,), and the lengths of runs of equal values; or zero.
+    """Find the rounding step of values (n,), or zero, and the number of successive equal values around each (n,).
 
-    A repeated nonzero value keeps its rounding error: the mean of such fixes is no better than one fix.
+    A repeated nonzero value keeps its rounding error, so the mean of such fixes is no better than one fix.
     """
-    alike = np.ones(values.size)
-    known = np.flatnonzero(np.isfinite(values))
-    distinct, which = np.unique(np.round(values[known], FINEST), return_inverse=True)
+    repeats = np.ones(values.size)
+    finite = np.flatnonzero(np.isfinite(values))
+    distinct, number = np.unique(np.round(values[finite], FINEST), return_inverse=True)
     if distinct.size < 2:
-        return 0.0, alike
-    size = np.diff(np.flatnonzero(np.diff(which, prepend=-1, append=-1)))
-    alike[known] = np.where(distinct[which] == 0.0, 1, np.repeat(size, size))
+        return 0.0, repeats
+    lengths = np.diff(np.flatnonzero(np.diff(number, prepend=-1, append=-1)))
+    repeats[finite] = np.where(distinct[number] == 0.0, 1, np.repeat(lengths, lengths))
     if distinct.size < DISTINCT:
-        return 0.0, alike
-    gaps = np.diff(distinct)
-    multiples = np.concatenate([[0.0], np.cumsum(np.round(gaps / gaps.min()))])
+        return 0.0, repeats
+    steps = np.diff(distinct)
+    multiples = np.concatenate([[0.0], np.cumsum(np.round(steps / steps.min()))])
     step = float(multiples @ (distinct - distinct[0]) / (multiples @ multiples))
-    off = np.abs(distinct - distinct[0] - step * multiples)
-    return (step if off.max() < ON_STEP * step else 0.0), alike
+    error = np.abs(distinct - distinct[0] - step * multiples)
+    return (step if error.max() < ON_STEP * step else 0.0), repeats
 
 
 def with_sd(gps: GpsData, *, scatter_alone: bool = True) -> tuple[GpsData, tuple[Finding, ...]]:
-    """Fill in missing standard deviations; return also findings on assumptions.
+    """Fill in missing standard deviations, and return also findings on the assumptions.
 
-    `scatter_alone`: small position scatter means carrier-phase fixes. Otherwise the fix type gives the whole error, and
-    the fix-to-fix scatter only its white part, for a filter that separates the two.
+    `scatter_alone`: a small position scatter proves carrier-phase fixes, and the scatter gives the whole error.
+    Otherwise the fix type gives the whole error, and scatter only its white part: the filter separates both parts.
     """
     notes = []
     position_sd, velocity_sd = gps.position_sd, gps.velocity_sd
-    measured = 3 if heights_measured(gps.lla) else 2  # components
+    measured = 3 if heights_measured(gps.lla) else 2  # number of measured components
     missing: BoolArray = np.isnan(position_sd)
-    beside = missing & ~missing.all(axis=1, keepdims=True)  # components with a reported sd
+    partly = missing & ~missing.all(axis=1, keepdims=True)  # some components lack an sd
     if missing.any():
         carrier, code = CARRIER, Code.GPS_POSITION_SD_SCATTER
         if not scatter_alone:
             carrier = np.inf
             code = Code.GPS_POSITION_SD_STAND_ALONE if gps.fix is None else Code.GPS_POSITION_SD_FIX_TYPE
-        found = _scatter(gps.time, ned_offset(gps.lla, gps.lla[0]), POSITION_FLOOR, DEFAULT_POSITION, carrier)
+        estimated = _scatter(gps.time, ned_offset(gps.lla, gps.lla[0]), POSITION_FLOOR, DEFAULT_POSITION, carrier)
         if not scatter_alone:
-            found = _by_fix(gps, found / ALIKE)
-        largest = np.fmax.reduce(position_sd, axis=1, keepdims=True)  # largest reported sd: the others are no better
-        position_sd = np.where(missing, np.fmax(found, largest), position_sd)
+            estimated = _by_fix(gps, estimated / ALIKE)
+        largest = np.fmax.reduce(position_sd, axis=1, keepdims=True)  # lower limit of a missing sd
+        position_sd = np.where(missing, np.fmax(estimated, largest), position_sd)
         rows = missing[:, :measured].any(axis=1)
         if rows.any():
             middle = np.median(position_sd[rows], axis=0).tolist()
@@ -247,61 +248,61 @@ def with_sd(gps: GpsData, *, scatter_alone: bool = True) -> tuple[GpsData, tuple
     if digits := _digits(gps.lla):
         step = 10.0**-digits * DEG * A * np.array([1.0, math.cos(float(gps.lla[0, 0])), 0.0])
         if (position_sd < step / math.sqrt(12.0)).any():
-            position_sd = np.maximum(position_sd, step / math.sqrt(12.0))  # rounding error: uniform within half a step
+            position_sd = np.maximum(position_sd, step / math.sqrt(12.0))  # sd of rounding
             least = step[:2].max() / math.sqrt(12.0)
             notes.append(Finding.of(Code.GPS_ROUNDED_POSITION, sd_m=least, step_m=step[0], decimals=digits))
     if gps.fix is not None:
-        sure = (gps.fix == FLOAT) & (np.where(beside, 0.0, position_sd).max(axis=1) < FLOAT_SD)
-        if sure.any():
-            position_sd = np.where(sure[:, None], np.maximum(position_sd, FLOAT_SD), position_sd)
-            notes.append(Finding.of(Code.GPS_FLOAT, count=sure.sum(), limit_m=FLOAT_SD))
+        overconfident = (gps.fix == FLOAT) & (np.where(partly, 0.0, position_sd).max(axis=1) < FLOAT_SD)
+        if overconfident.any():
+            position_sd = np.where(overconfident[:, None], np.maximum(position_sd, FLOAT_SD), position_sd)
+            notes.append(Finding.of(Code.GPS_FLOAT, count=overconfident.sum(), limit_m=FLOAT_SD))
     if measured < 3:
         position_sd = np.where([False, False, True], OPEN_SD, position_sd)
     v_n = gps.v_n if vertical_measured(gps.v_n) else np.where([True, True, False], gps.v_n, np.nan)
-    half = np.logical_xor(*np.isfinite(v_n[:, :2]).T)
-    if half.any():
-        v_n = np.where(half[:, None], np.nan, v_n)
-        notes.append(Finding.of(Code.GPS_VELOCITY_HALF, count=half.sum()))
-    level = np.isfinite(v_n[:, :2]).all(axis=1) & np.isnan(v_n[:, 2])
-    if level.any():
-        v_n = np.where(level[:, None] & [False, False, True], 0.0, v_n)
-        velocity_sd = np.where(level[:, None] & [False, False, True], OPEN_SD, velocity_sd)
-        notes.append(Finding.of(Code.GPS_VELOCITY_LEVEL, count=level.sum()))
+    half_known = np.logical_xor(*np.isfinite(v_n[:, :2]).T)
+    if half_known.any():
+        v_n = np.where(half_known[:, None], np.nan, v_n)
+        notes.append(Finding.of(Code.GPS_VELOCITY_HALF, count=half_known.sum()))
+    no_vertical = np.isfinite(v_n[:, :2]).all(axis=1) & np.isnan(v_n[:, 2])
+    if no_vertical.any():
+        v_n = np.where(no_vertical[:, None] & [False, False, True], 0.0, v_n)
+        velocity_sd = np.where(no_vertical[:, None] & [False, False, True], OPEN_SD, velocity_sd)
+        notes.append(Finding.of(Code.GPS_VELOCITY_LEVEL, count=no_vertical.sum()))
     given = np.isfinite(v_n).all(axis=1)
     missing = np.asarray(given & np.isnan(velocity_sd).any(axis=1))
     if missing.any():
-        found = _scatter(gps.time, v_n, VELOCITY_FLOOR, DEFAULT_VELOCITY, np.inf)
-        found[level, 2] = OPEN_SD
-        velocity_sd = np.where(missing[:, None], found, velocity_sd)
+        estimated = _scatter(gps.time, v_n, VELOCITY_FLOOR, DEFAULT_VELOCITY, np.inf)
+        estimated[no_vertical, 2] = OPEN_SD
+        velocity_sd = np.where(missing[:, None], estimated, velocity_sd)
         middle = np.median(velocity_sd[missing], axis=0).tolist()
         notes.append(
             Finding.of(Code.GPS_VELOCITY_SD_SCATTER, count=missing.sum(), sd_m_s=middle, floor_m_s=VELOCITY_FLOOR)
         )
-    steps, alike = zip(*map(_rounding, v_n.T), strict=True) if len(v_n) >= DISTINCT else ((0.0,), ())
-    step = np.where(steps, steps, max(steps))  # few values: assume the step of the others
-    if step.any() and (velocity_sd < (least := step * np.sqrt(np.column_stack(alike) / 12.0))).any():
+    steps, repeats = zip(*map(_rounding, v_n.T), strict=True) if len(v_n) >= DISTINCT else ((0.0,), ())
+    step = np.where(steps, steps, max(steps))  # unknown for few values: use the step of the other axes
+    if step.any() and (velocity_sd < (least := step * np.sqrt(np.column_stack(repeats) / 12.0))).any():
         velocity_sd = np.maximum(velocity_sd, least)
         sd = max(steps) / math.sqrt(12.0)
         notes.append(Finding.of(Code.GPS_ROUNDED_VELOCITY, sd_m_s=sd, step_m_s=max(steps)))
     return replace(gps, v_n=v_n, position_sd=position_sd, velocity_sd=velocity_sd), tuple(notes)
 
 
-LARGEST_SHARE = 0.95  # part of the error is always white [-]
+LARGEST_SHARE = 0.95  # largest time-correlated share: part of the error is always white [-]
 
 
 @dataclass(frozen=True, slots=True)
 class CorrelatedNoise:
-    """Gauss-Markov part of the errors of position and, where it was found, of velocity."""
+    """Time-correlated (Gauss-Markov) errors of position and, if detected, of velocity."""
 
-    share: float  # of the variance of a fix [-]
-    time: float  # correlation time [s]
-    sd: FloatArray  # (3,) standard deviation of that part, North, East, Down [m]
+    share: float  # time-correlated share of the position variance [-]
+    time: float  # correlation time of the position error [s]
+    sd: FloatArray  # (3,) standard deviation of the time-correlated position error, North, East, Down [m]
     velocity_sd: FloatArray | None = None  # (3,) sd of the time-correlated velocity error [m/s]; None without
-    velocity_time: float = np.inf  # its correlation time [s]
+    velocity_time: float = np.inf  # correlation time of the velocity error [s]
 
     @classmethod
     def of_fixes(cls, share: float, time: float, position_sd: FloatArray) -> Self:
-        """Build the part of fixes with standard deviations (n, 3) [m], from its share [-] and time [s]."""
+        """Build the noise from its share [-], its correlation time [s], and position sds (n, 3) [m]."""
         return cls(share, time, np.sqrt(share) * np.median(position_sd, axis=0))
 
     @property
@@ -317,21 +318,21 @@ class CorrelatedNoise:
 
 @dataclass(frozen=True, slots=True)
 class Rough:
-    """Interval with more driving noise of the time-correlated position error: multipath."""
+    """Interval of multipath, with more driving noise of the time-correlated position error."""
 
-    begin: float  # [s]
+    begin: float  # begin and end of the interval [s]
     end: float
-    driven: float  # root of the spectral density of that noise, each axis [m/sqrt(s)]
+    driven: float  # root of the spectral density of the driving noise, each axis [m/sqrt(s)]
     time: float  # correlation time of the error [s]
 
     @property
     def sd(self) -> float:
-        """Stationary standard deviation from this noise [m]."""
+        """Standard deviation of the position error after a long time with this noise [m]."""
         return float(self.driven * np.sqrt(0.5 * self.time))
 
     def drive(self, now: float, times: FloatArray, sds: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return correlation times [s] and standard deviations of the states at time `now`, positions first."""
-        if not self.begin <= now < self.end + 3.0 * self.time:  # then the remaining error has decayed
+        """Adapt correlation times [s] and standard deviations of the time-correlated states to time `now` [s]."""
+        if not self.begin <= now < self.end + 3.0 * self.time:  # after three correlation times the error has decayed
             return times, sds
         times, sds = times.copy(), sds.copy()
         times[:3] = self.time

@@ -1,9 +1,9 @@
-"""Resumable loop: IMU samples in, state and covariance out, independent of the block size.
+"""Navigation loop: takes IMU samples in blocks and runs the filter. Results do not depend on the block size.
 
-Between filter epochs the compiled kernel propagates the state and accumulates transition and noise. The filter gets
-them at each fix, and once a second without fixes. A fix between two samples splits the interval at its time.
-Post-processing feeds a recording in blocks. `insnav.session.online` feeds samples as they arrive, and lags by `MARGIN`
-samples and `SEEN`.
+Between filter epochs, a compiled kernel propagates the state and accumulates transition and noise. A filter epoch
+follows at each fix, and once a second without fixes. A fix between two samples splits the interval at its time.
+Post-processing feeds a recording in large blocks. `insnav.session.online` feeds samples as they arrive. The state then
+lags by `MARGIN` samples and by `SEEN`.
 """
 
 from __future__ import annotations
@@ -36,20 +36,20 @@ from insnav.types import FloatArray, GpsData, ImuData, Increments, Run
 POSITION = (Code.GATE_POSITION, Code.DEWEIGHTED_POSITION)
 VELOCITY = (Code.GATE_VELOCITY, Code.DEWEIGHTED_VELOCITY)
 DEWEIGHTED = (Code.DEWEIGHTED_POSITION, Code.DEWEIGHTED_VELOCITY)
-MARGIN = LOOKAHEAD + strapdown.LOST_WINDOW + 2  # newest samples, which wait for their neighbours
-QUANTUM = 2.0**-40  # of angles, far below gyro resolution [rad]
+MARGIN = LOOKAHEAD + strapdown.LOST_WINDOW + 2  # number of newest samples that wait for later neighbours
+QUANTUM = 2.0**-40  # resolution of summed angles, far finer than gyros [rad]
 COAST = 1.0  # longest time between filter epochs: the transition is of second order [s]
-BROKEN = 3.0  # a longer time without a rejected fix ends a run of rejections, if fixes come more often [s]
-NOISY, FAR_BEYOND = 3.0, 10.0  # factors on the RMS of the gyros' white noise: smaller rates, or parts, may be noise
-FEWEST_REJECTIONS = 5  # before a reset: at low rates a second or two of multipath must not cause a reset
+BROKEN = 3.0  # a longer time without a rejection ends a series of rejections, if fixes are more frequent [s]
+NOISY, FAR_BEYOND = 3.0, 10.0  # multiples of RMS gyro noise below which a mean rate, or added vibration, may be noise
+FEWEST_REJECTIONS = 5  # rejections needed for a reset, so that one or two of them do not suffice at low rates
 
 
 class Navigator:
     """Loosely coupled INS/GPS filter over a stream of IMU samples.
 
-    `ready`: the recording; `feed` takes its samples. `start`: state to continue from, by default the first; data
-    before its time are skipped. `marks`: rows of the fixes after which `kept` stores the whole state, to continue from.
-    `record`: collects the results; by default all of them.
+    `ready`: the recording; `feed` takes its samples. `start`: state to continue from, by default the initial one; data
+    before its time are skipped. `marks`: rows of fixes after which `kept` stores the complete state, from which another
+    navigator can continue. `record`: collects the results, by default all of them.
 
     Examples
     --------
@@ -78,44 +78,41 @@ class Navigator:
         n = self._estimate.at.states
         self._z, self._h, self._sd = np.zeros(6), np.zeros((6, n)), np.zeros(6)
         self._r, self._s = np.zeros((6, 6)), np.zeros((6, 6))
-        every = output.interval
-        self._grid = np.array([np.inf, every if every > 0.0 or not output.with_poses else -1.0, 0.0])
+        interval = output.interval
+        self._grid = np.array([np.inf, interval if interval > 0.0 or not output.with_poses else -1.0, 0.0])
         self._begin_grid(start.time)
         none = np.empty((0, 3))
-        self._sensed, self._motion = (none, none, none, none), np.zeros(25)  # see `felt`
+        self._sensed, self._motion = (none, none, none, none), np.zeros(25)  # inputs of `felt`
         noise = float(model.noise[:3].sum()) / nominal
-        mean = 0.5 * nominal / SEEN  # noise reduction by the mean
+        mean = 0.5 * nominal / SEEN  # ratio of the noise variance of a mean to one sample's
         self._motion[9:11] = mean * NOISY**2 * noise, FAR_BEYOND**2 * noise
-        if len(lag.moments) > 1:  # the receiver's response to fast turns is unknown: do not use them for the arm
+        if len(lag.moments) > 1:  # averaged velocities: the response to fast turns is unknown, so the arm ignores them
             self._motion[10] = np.inf
-        if not self._late.any():  # older velocities have other noise than the mean
+        if not self._late.any():  # noise of the mean acceleration; other noise for lagging velocities
             self._motion[17] = NOISY**2 * float(model.noise[3:6].sum()) / (2.0 * SEEN)
-        # The newest samples wait for later ones. Twice as many processed samples are kept, for means about fixes
+        # The newest samples wait for later ones. Twice as many processed samples are kept, for means around fixes
         self._margin = MARGIN + int((SEEN + max(lag.moments) * abs(lag.value)) / nominal)
         self._last_good = start.time  # time of the last accepted position
         often = float(np.median(np.diff(ready.gps.time))) if ready.gps.time.shape[0] > 1 else 1.0
         self._broken = max(BROKEN, 2.5 * often)
-        self._rejections: list[float] = []  # times of an unbroken run of rejected positions
+        self._rejections: list[float] = []  # times of an uninterrupted series of rejected positions
         self._tail: ImuData | None = None
         self._parts = [part for part in ready.starts[1:] if part.initial.time > start.time]
 
     def take_fixes(self, gps: GpsData) -> None:
-        """Replace all fixes; processed ones have no further effect."""
+        """Replace all fixes. Fixes before the time of the state are not used again."""
         delay, lag = self._receiver.delay.value, self._receiver.lag.value
         later = gps.time - delay > self._first + strapdown.TIME_TOLERANCE
         self._gps, self._fix, self._fix_time = gps, np.flatnonzero(later), gps.time[later] - delay
-        own = np.full(gps.time.shape[0], True) if gps.fix is None else gps.fix != gate.OF_REFERENCE
-        # age of the velocities [s]; a smaller lag is linear enough
-        self._late = own[later] * (lag if abs(lag) > LAG_WORTH else 0.0)
-        # first unprocessed fix
+        receiver_fix = np.full(gps.time.shape[0], True) if gps.fix is None else gps.fix != gate.OF_REFERENCE
+        # age of the velocities [s]; a small lag is zero here, as linear states suffice for it
+        self._late = receiver_fix[later] * (lag if abs(lag) > LAG_WORTH else 0.0)
+        # index of the first fix that is not yet processed
         done = max(self._done, self._start) + strapdown.TIME_TOLERANCE
         self._next = int(np.searchsorted(self._fix_time, done, side="right"))
 
     def feed(self, imu: ImuData) -> None:
-        """Process the next block of samples; samples without later neighbours wait for the next call.
-
-        `imu`: samples that follow the previous call.
-        """
+        """Process the next block of samples. The last ones wait for later neighbours in the next call."""
         while self._parts and imu.time[-1] > self._parts[0].after:
             before = int(np.searchsorted(imu.time, self._parts[0].after, side="right"))
             if before:
@@ -125,7 +122,7 @@ class Navigator:
         self._advance(imu, last=False)
 
     def _go_on(self, part: Part) -> None:
-        """End a part of the record and begin the next part."""
+        """Finish a part of the record before a long gap, and start the next part."""
         if self._tail is not None:
             self._advance(None, last=True)
         estimate, start = self._estimate, part.initial
@@ -141,90 +138,90 @@ class Navigator:
         self._aiding.restart(start.time)
 
     def _cuts(self, begin: float, end: float) -> FloatArray:
-        """Return times in order at which intervals from `begin` to `end` are cut: start, fixes and wanted poses.
+        """Return the times, in order, that split the samples from `begin` to `end` [s]: start, fixes, wanted poses.
 
-        A tenth of a millisecond before a pose of another point, too: its velocity needs the rate at the epoch.
+        A pose of another point also has a split a tenth of a millisecond before: its velocity needs the rate there.
         """
         output, span = self._ready.output, [begin, end + strapdown.TIME_TOLERANCE]
         cuts = [some[slice(*some.searchsorted(span))] for some in (self._fix_time[self._next :], output.epochs)]
         if output.point_b is not None:
-            every, poses = self._grid[1], cuts[1]
-            if every > 0.0 and not output.epochs.size:
-                poses = every * np.arange(np.floor(begin / every), np.ceil(end / every) + 1.0)
+            interval, poses = self._grid[1], cuts[1]
+            if interval > 0.0 and not output.epochs.size:
+                poses = interval * np.arange(np.floor(begin / interval), np.ceil(end / interval) + 1.0)
             cuts += poses, poses - 100.0 * strapdown.TIME_TOLERANCE
         return np.sort(np.concatenate([*cuts, [self._start]]))
 
     def _begin_grid(self, time: float) -> None:
-        """Set the next epochs of the solution: whole multiples of the interval, and those wanted."""
-        begin, every = time - strapdown.TIME_TOLERANCE, self._grid[1]
-        self._grid[0] = every * np.ceil(begin / every) if every > 0.0 else np.inf
+        """Set the next output times: whole multiples of the output interval, and the additional output times."""
+        begin, interval = time - strapdown.TIME_TOLERANCE, self._grid[1]
+        self._grid[0] = interval * np.ceil(begin / interval) if interval > 0.0 else np.inf
         self._grid[2] = np.searchsorted(self._ready.output.epochs, begin)
 
     def _close(self) -> None:
-        """End with an epoch, so that every row lies between two epochs."""
+        """Add a final filter epoch, so that every row of the solution lies between two epochs."""
         if self._estimate.span[0] > 0.0:
             self._estimate.predict(self._done)
             self._record.epoch(self._done, self._estimate)
 
     @property
     def done(self) -> float:
-        """Time of the state [s]: the newest samples wait for their neighbours."""
+        """Time of the state [s], before the newest samples, which wait for later ones."""
         return max(self._done, self._start)
 
     @property
     def estimate(self) -> Estimate:
-        """State and covariance at that time."""
+        """State and covariance at the time `done`."""
         return self._estimate
 
     def saved(self) -> tuple[Any, ...]:
-        """Copy everything that processing changes, without aiding and results, for `go_back`."""
+        """Copy all variables that processing changes, except aiding and results, for `go_back`."""
         plain = self._done, self._last_good, self._tail, tuple(self._rejections)
         return *plain, self._estimate.saved()
 
     def go_back(self, saved: tuple[Any, ...], gps: GpsData) -> None:
-        """Go back to an earlier state, with other fixes; the samples since must follow again."""
+        """Go back to an earlier state from `saved`, with other fixes. Feed the samples since then again."""
         self._done, self._last_good, self._tail, rejections, estimate = saved
         self._rejections = list(rejections)
         self._estimate.go_back(estimate)
         self.take_fixes(gps)
 
     def restart_at(self, part: Part) -> None:
-        """Continue with a new alignment after a gap of the samples that follow."""
+        """Register a new alignment, from which to continue after a gap in the samples to come."""
         self._parts.append(part)
 
     @property
     def delay(self) -> tuple[float, float]:
-        """Estimate of the delay of the fixes so far, in addition to the specified delay, and its sd [s]."""
+        """Current estimate of the delay of the fixes beyond the specified delay, and its sd [s]."""
         estimate = self._estimate
-        at = max(estimate.at.delay, 0)
-        return estimate.delay, float(np.sqrt(estimate.covariance[at, at])) if estimate.at.delay >= 0 else np.inf
+        index = max(estimate.at.delay, 0)
+        return estimate.delay, float(np.sqrt(estimate.covariance[index, index])) if estimate.at.delay >= 0 else np.inf
 
     def levers(self) -> tuple[FloatArray, FloatArray]:
-        """Lever arm minus the specified arm, and vibration arm minus lever arm: (2, 3) [m], covariances (2, 3, 3)."""
-        estimate, at = self._estimate, self._estimate.at
-        by = np.zeros((2, 3, at.states))
-        for row, first, sign in ((0, at.lever, 1.0), (1, at.shaken, 1.0), (1, at.lever, -1.0)):
+        """Return lever arm minus specified arm, vibration arm minus lever arm: (2, 3) [m], covariances (2, 3, 3)."""
+        estimate, index = self._estimate, self._estimate.at
+        mapping = np.zeros((2, 3, index.states))
+        for row, first, sign in ((0, index.lever, 1.0), (1, index.shaken, 1.0), (1, index.lever, -1.0)):
             if first >= 0:
-                by[row, :, first : first + 3] = sign * np.eye(3)
-        off = np.array([estimate.lever - self._receiver.lever_arm.value, estimate.shaken - estimate.lever])
-        return off, by @ estimate.covariance @ np.swapaxes(by, 1, 2)
+                mapping[row, :, first : first + 3] = sign * np.eye(3)
+        arms = np.array([estimate.lever - self._receiver.lever_arm.value, estimate.shaken - estimate.lever])
+        return arms, mapping @ estimate.covariance @ np.swapaxes(mapping, 1, 2)
 
     def finish(self) -> Run:
-        """Process the waiting samples and return the result."""
+        """Process the waiting samples, run the smoother if wanted, and return the result."""
         if self._tail is not None:
             self._advance(None, last=True)
         estimate = self._estimate
         self._close()
-        found = estimate.history.smooth(estimate.least_delay_sd) if estimate.history is not None else None
+        smoothed = estimate.history.smooth(estimate.least_delay_sd) if estimate.history is not None else None
         stated = estimate.stated(), estimate.covariance
-        return self._record.finish(self._ready, estimate.lever, estimate.delay, *stated, found)
+        return self._record.finish(self._ready, estimate.lever, estimate.delay, *stated, smoothed)
 
     def misfit(self) -> tuple[float, float]:
-        """Misfit of the fixes so far, and their mean square; see `Record.misfit`."""
+        """Return mean cost and mean normalised square of the innovations so far; see `Record.misfit`."""
         return self._record.misfit()
 
     def history(self) -> History:
-        """Process the waiting samples and return all epochs."""
+        """Process the waiting samples and return the history of all epochs."""
         if self._tail is not None:
             self._advance(None, last=True)
         if self._estimate.history is None:
@@ -232,6 +229,7 @@ class Navigator:
         return self._estimate.history
 
     def _advance(self, imu: ImuData | None, *, last: bool) -> None:
+        # process the waiting and the new samples, except the newest ones if more samples follow
         buffer = self._tail if imu is None else imu if self._tail is None else self._tail.joined(imu)
         assert buffer is not None
         n = buffer.time.shape[0]
@@ -240,51 +238,52 @@ class Navigator:
             self._tail = buffer
             return
         parts = strapdown.intervals(buffer, self._nominal)
-        # everything up to the last sample with all its neighbours, including gaps before it
-        stop = parts.end.shape[0] - (parts.gap[::-1] == 0.0).cumsum().searchsorted(n - ready, side="left") - 1
-        stop = parts.end.shape[0] if last else stop
+        # process intervals up to the last sample that has all its later neighbours, and gaps before it
+        end_row = parts.end.shape[0] - (parts.gap[::-1] == 0.0).cumsum().searchsorted(n - ready, side="left") - 1
+        end_row = parts.end.shape[0] if last else end_row
         first = int(parts.end.searchsorted(max(self._done, self._start + strapdown.TIME_TOLERANCE), side="right"))
-        if stop > first:
-            cuts = self._cuts(parts.end[first] - parts.dt[first], parts.end[stop - 1])
-            pieces = strapdown.split(parts, cuts, first, stop)
+        if end_row > first:
+            cuts = self._cuts(parts.end[first] - parts.dt[first], parts.end[end_row - 1])
+            pieces = strapdown.split(parts, cuts, first, end_row)
             inc = strapdown.increments(parts, pieces)
-            last_fix = int(self._fix_time.searchsorted(parts.end[stop - 1] + strapdown.TIME_TOLERANCE, side="right"))
+            last_fix = int(self._fix_time.searchsorted(parts.end[end_row - 1] + strapdown.TIME_TOLERANCE, side="right"))
             times = self._fix_time[self._next : last_fix]
             if times.size:
                 self._sense(times, self._late[self._next : last_fix], parts)
             self._process(inc, parts.gap[pieces[0]])
-            self._done = parts.end[stop - 1]
+            self._done = parts.end[end_row - 1]
         self._tail = buffer.rows(slice(max(0, ready - 2 * self._margin), None))
 
     def _sense(self, times: FloatArray, late: FloatArray, parts: strapdown.Intervals) -> None:
-        """Compute rates and forces about the next fixes (k,) [s], with velocities `late` (k,) [s] old, for `felt`."""
-        half, number = 0.5 * self._nominal, int(SEEN / self._nominal)
-        angles, instants, reach = turned(parts), [times], SEEN  # instants: whose mean a velocity is; reach of rates [s]
-        swings = older = self._sensed[3]
+        """Compute mean rates and forces around the next fixes (k,) [s], for `felt`. `late` (k,): age of velocity."""
+        half, n_samples = 0.5 * self._nominal, int(SEEN / self._nominal)
+        angles, instants, reach = turned(parts), [times], SEEN  # a velocity is the mean of these instants
+        swings = motion_since = self._sensed[3]
         if late.any():
             oldest, instants = np.abs(late).max(), [times - share * late for share in self._receiver.lag.moments]
             reach = SEEN if len(instants) == 1 else max(SEEN, oldest)
             swing_reach = max(half, oldest * (len(instants) - 1) / len(instants) ** 2)
             swings = np.mean([rates_at(instant - half, parts.end, angles, swing_reach) for instant in instants], axis=0)
-            older = np.mean([since(times, times - instant, parts) for instant in instants], axis=0)
-        # an acceleration of another shape than the velocity would bias the delay towards zero
-        forces = [forces_about(instant, parts, max(1, number)) for instant in instants]
+            motion_since = np.mean([since(times, times - instant, parts) for instant in instants], axis=0)
+        # average force like velocity: another average would bias the delay towards zero
+        forces = [forces_about(instant, parts, max(1, n_samples)) for instant in instants]
         rates = [rates_at(instant, parts.end, angles, reach) for instant in instants]
-        mean = [each[0] if len(each) == 1 else np.mean(each, axis=0) for each in (rates, forces)]
-        self._sensed = mean[0], mean[1], swings, older
+        means = [each[0] if len(each) == 1 else np.mean(each, axis=0) for each in (rates, forces)]
+        self._sensed = means[0], means[1], swings, motion_since
 
     def _process(self, inc: Increments, gap: FloatArray) -> None:
+        # run the filter over increments that end at samples, fixes and wanted times
         k = int(inc.time.searchsorted(self._start + strapdown.TIME_TOLERANCE))
-        # index of the piece that ends at each fix
+        # index of the sample interval, split at fixes, that ends at each fix
         fixes, before = self._fix_time[self._next :], self._next
-        at = inc.time.searchsorted(fixes - strapdown.TIME_TOLERANCE)
-        at = at[at < inc.time.shape[0]]
+        pieces_at_fix = inc.time.searchsorted(fixes - strapdown.TIME_TOLERANCE)
+        pieces_at_fix = pieces_at_fix[pieces_at_fix < inc.time.shape[0]]
         rows = 3 + int((inc.time[-1] - inc.time[0]) / self._grid[1]) if self._grid[1] > 0.0 else inc.time.shape[0]
         wanted = self._ready.output.epochs
         rows += int(wanted.searchsorted(inc.time[-1] + 1.0)) - int(self._grid[2])
         out = self._record.reserve(rows, self._grid, wanted)
         samples = Samples(inc.time, inc.dt, inc.dtheta, inc.dvel, inc.coning, inc.sculling, gap)
-        for i in at:
+        for i in pieces_at_fix:  # propagate to the fix, apply it, then apply aiding
             k = self._run(samples, k, int(i) + 1, True, out)
             self._update(inc.time[i], self._next - before)
             row = int(self._fix[self._next])
@@ -297,7 +296,7 @@ class Navigator:
         self._run(samples, k, inc.time.shape[0], False, out)
 
     def _run(self, samples: Samples, first: int, last: int, close: bool, out: Outputs) -> int:
-        """Propagate to `last`; `close` adds a filter epoch there. Further epochs where the next fix is far."""
+        """Propagate over samples `first` to `last`. Add filter epochs in long spans, and with `close` at the end."""
         estimate, k = self._estimate, first
         while k < last:
             done = k
@@ -310,12 +309,12 @@ class Navigator:
         return k
 
     def _update(self, time: float, number: int) -> None:
-        """Process a fix. `number`: its row of the rates."""
+        """Process the fix at `time` [s]. `number`: its row in the rates of `_sense`."""
         estimate = self._estimate
         estimate.predict(time)
-        late, at = self._late[self._next], estimate.at
-        still = stays(self._ready.alignment, time)  # all rotation is noise
-        felt(estimate.all, *self._sensed, number, late, at.has_arm, still, self._motion)
+        late, index = self._late[self._next], estimate.at
+        still = stays(self._ready.alignment, time)  # then all measured rotation is noise
+        felt(estimate.all, *self._sensed, number, late, index.has_arm, still, self._motion)
         row = self._fix[self._next]
         z, h, r = self._z, self._h, self._r
         nis_position, nis_velocity, distance, change = self._assess(row)
@@ -323,7 +322,7 @@ class Navigator:
         use = [True, nis_velocity == nis_velocity]
         fix = int(self._gps.fix[row]) if self._gps.fix is not None else None
         quality = gate.quality(self._ready.gates, time, fix, self._gps.position_sd[row])
-        if quality is not None and fix in (0, gate.OF_REFERENCE):  # invalid fix, without velocity
+        if quality is not None and fix in (0, gate.OF_REFERENCE):  # invalid fix: do not use its velocity, either
             if estimate.history is not None:
                 estimate.history.measurement(False, False, z, h, r)
             self._record.event(quality)
@@ -334,7 +333,7 @@ class Navigator:
                 continue
             self._record.event(event)
             if event.code in DEWEIGHTED:
-                # the noise that reduces the NIS to its limit
+                # add noise that reduces the NIS to its limit
                 part = slice(3 * half, 3 * half + 3)
                 r[part, part] += (event["nis"] / event["limit_nis"] - 1.0) * self._s[part, part]
             else:
@@ -352,7 +351,7 @@ class Navigator:
         self._record.fix(time, z, self._sd, nis, use, estimate)
 
     def _show(self, time: float, out: Outputs) -> None:
-        """Store the state after an epoch in the rows of the solution at its time, if any."""
+        """Store the state after the measurements of an epoch in the solution, if the solution has rows at `time`."""
         self._record.epoch(time, self._estimate)
         row = int(out.used[0]) - 1
         while row >= 0 and out.time[row] >= time - strapdown.TIME_TOLERANCE:
@@ -360,21 +359,21 @@ class Navigator:
             row -= 1
 
     def _assess(self, row: int) -> tuple[float, float, float, float]:
-        """Compute the innovation of a fix, its covariance, NIS of position and velocity, and their lengths."""
+        """Compute the innovation of a fix and its covariance. Returns NIS (position, velocity) and lengths."""
         gps, receiver, estimate = self._gps, self._receiver, self._estimate
-        found: tuple[float, float, float, float] = assess(
+        results: tuple[float, float, float, float] = assess(
             *(estimate.all, estimate.covariance, self._motion),
             *(gps.lla, gps.v_n, gps.position_sd, gps.velocity_sd, row),
             *(gps.fix is None or gps.fix[row] != gate.OF_REFERENCE, self._late[self._next], receiver.jitter),
             *(receiver.correlated.share if receiver.correlated is not None else 0.0, estimate.places),
             *(self._z, self._h, self._r, self._s, self._sd),
         )
-        return found
+        return results
 
     def _gate(
         self, time: float, row: int, nis: tuple[float, float], distance: float, change: float, quality: Finding | None
     ) -> tuple[Finding | None, Finding | None]:
-        """Return the findings that reject or de-weight position and velocity, or None."""
+        """Return the finding that rejects or de-weights the position, or None; and the same for the velocity."""
         gates, gps = self._ready.gates, self._gps
         position, velocity = None, None
         if self._ready.explained.false is not None:
@@ -392,14 +391,14 @@ class Navigator:
         return position, velocity
 
     def _consider_reset(self, time: float, row: int) -> None:
-        """Reset to the fix after a long unbroken run of rejected positions, with an event."""
+        """Reset the filter to the fix if all positions were rejected for a long time, and record an event."""
         gates, gps = self._ready.gates, self._gps
         if self._rejections and time - self._rejections[-1] > self._broken:
             self._rejections.clear()
         self._rejections.append(time)
         if time - self._rejections[0] < gates.reset_after or len(self._rejections) < FEWEST_REJECTIONS:
             return
-        self._assess(row)  # again: the velocity of this fix may have been used
+        self._assess(row)  # repeat: the velocity of this fix may have been used since
         z = self._z
         with_velocity = np.isfinite(z[3:]).all() and gate.physical_velocity(gates, time, gps.v_n[row]) is None
         self._estimate.restart(time, z, gps.position_sd[row], gps.velocity_sd[row] if with_velocity else None)
@@ -410,28 +409,28 @@ class Navigator:
 
 
 def turned(parts: strapdown.Intervals) -> FloatArray:
-    """Compute the angle about each axis from the first sample to the end of each, (n, 3) [rad].
+    """Compute the cumulative angle about each axis at the end of each sample interval, (n, 3) [rad].
 
-    Differences do not depend on the first sample: sums of integer multiples of `QUANTUM` are exact.
+    Sums of multiples of `QUANTUM` are exact, so that differences do not depend on the first sample.
     """
     angles = parts.gyro * parts.dt[:, None] if parts.instant else parts.gyro
     return QUANTUM * np.cumsum(np.round(angles / QUANTUM), axis=0)
 
 
 def rates_at(times: FloatArray, end: FloatArray, angles: FloatArray, reach: float = SEEN) -> FloatArray:
-    """Compute the mean body rate about each of the fixes (k,) [s], without vibration: (k, 3) [rad/s].
+    """Compute the mean body rate within `reach` [s] of each time (k,) [s], without vibration: (k, 3) [rad/s].
 
-    `end` (n,): of the samples [s]. `angles` (n, 3): from `turned`.
+    `end` (n,): ends of the sample intervals [s]. `angles` (n, 3): from `turned`.
     """
     window = np.minimum(np.maximum(times + np.array([[-reach], [reach]]), end[0]), end[-1])
     row = np.minimum(np.maximum(end.searchsorted(window), 1), end.size - 1)
-    left = ((end[row] - window) / (end[row] - end[row - 1]))[..., None] * (angles[row] - angles[row - 1])
-    turn = angles[row[1]] - angles[row[0]] - left[1] + left[0]
+    overhang = ((end[row] - window) / (end[row] - end[row - 1]))[..., None] * (angles[row] - angles[row - 1])
+    turn = angles[row[1]] - angles[row[0]] - overhang[1] + overhang[0]
     return np.asarray(turn / np.maximum(window[1] - window[0], reach)[:, None])
 
 
 def forces_about(times: FloatArray, parts: strapdown.Intervals, number: int) -> FloatArray:
-    """Compute mean specific force of `number` samples before and after each time (k,) [s]: (k, 3) [m/s^2]."""
+    """Compute the mean specific force of `number` samples before and after each time (k,) [s]: (k, 3) [m/s^2]."""
     first = (parts.end - parts.dt).searchsorted(times - strapdown.TIME_TOLERANCE)
     rows = np.minimum(np.maximum(first[:, None] + np.arange(-number, number), 0), parts.end.size - 1)
     dt = parts.dt[rows]
@@ -440,26 +439,27 @@ def forces_about(times: FloatArray, parts: strapdown.Intervals, number: int) -> 
 
 
 def since(times: FloatArray, late: FloatArray, parts: strapdown.Intervals) -> FloatArray:
-    """Compute rotation and velocity by specific force in the time before each of `times` (k,): (k, 6) [rad], [m/s].
+    """Compute rotation [rad] and velocity change [m/s] over `late` (k,) [s] before each of `times` (k,): (k, 6).
 
-    `late` (k,): length of that time [s], negative for times after. In body axes at `times`; rotations are small.
+    The velocity change is by specific force alone, in the body axes at `times`. Rotations are small. If `late` is
+    negative, the span is after `times`.
     """
     begin, end = np.sort([times, times - late], axis=0)[..., None]
     first, last = np.searchsorted(parts.end, begin), np.searchsorted(parts.end, end)
     rows = first + np.arange(np.max(last - first) + 1)
     inside, rows = rows < parts.end.size, np.minimum(rows, parts.end.size - 1)
     until = parts.end[rows].clip(begin, end)
-    part = np.sign(late)[:, None] * inside * (until - (parts.end - parts.dt)[rows].clip(begin, until))
-    part = (part if parts.instant else part / parts.dt[rows])[..., None]
-    turn, gain = part * parts.gyro[rows], part * parts.accel[rows]
-    whole, angle = turn.sum(axis=1), np.cumsum(turn, axis=1) - 0.5 * turn
-    angle = np.where(part.sum(axis=1, keepdims=True) > 0.0, whole[:, None] - angle, angle)  # forward in time
-    once = np.cross(gain, angle)
-    return np.hstack([whole, (gain + once + 0.5 * np.cross(once, angle)).sum(axis=1)])
+    signed_dt = np.sign(late)[:, None] * inside * (until - (parts.end - parts.dt)[rows].clip(begin, until))
+    signed_dt = (signed_dt if parts.instant else signed_dt / parts.dt[rows])[..., None]
+    turn, gain = signed_dt * parts.gyro[rows], signed_dt * parts.accel[rows]
+    rotation, angle = turn.sum(axis=1), np.cumsum(turn, axis=1) - 0.5 * turn
+    angle = np.where(signed_dt.sum(axis=1, keepdims=True) > 0.0, rotation[:, None] - angle, angle)  # angle to `times`
+    first_order = np.cross(gain, angle)
+    return np.hstack([rotation, (gain + first_order + 0.5 * np.cross(first_order, angle)).sum(axis=1)])
 
 
 class AidingUpdates:
-    """Aiding updates of one estimate, from the time `start` [s] on; fixes may come with a heading."""
+    """Aiding updates of one estimate from the time `start` [s] on, including headings measured with the fixes."""
 
     def __init__(self, estimate: Estimate, ready: FilterInput, record: Record, start: float) -> None:
         self._estimate, self._gates, self._record = estimate, ready.gates, record
@@ -472,56 +472,56 @@ class AidingUpdates:
         self._z, self._h, self._r = np.zeros(6), np.zeros((6, estimate.at.states)), np.zeros((6, 6))
 
     def restart(self, time: float) -> None:
-        """Reset the sums of the body rate."""
+        """Restart the mean of the body rate at `time` [s]."""
         self._turned[:] = 0.0
         self._last = time
 
     def turned(self, samples: Samples, first: int, last: int) -> None:
-        """Sum the body rate over samples."""
+        """Add samples `first` to `last` to the mean of the body rate."""
         if self._every is not None:
             self._turned[:3] += samples.dtheta[first:last].sum(axis=0)
             self._turned[3] += samples.dt[first:last].sum()
 
     def at_fix(self, time: float) -> None:
-        """Use the measurements that come with the fixes."""
-        for each in self._with_fixes:
-            self._use(each, self._view(time, time, np.zeros(3)))
+        """Apply the measurements that come with a fix, such as its heading."""
+        for measurement in self._with_fixes:
+            self._use(measurement, self._view(time, time, np.zeros(3)))
 
     def at_epoch(self, time: float) -> None:
-        """Use all other measurements, at most once per `INTERVAL`."""
+        """Apply all other aiding measurements, at most once per `INTERVAL`."""
         if self._every is None or time - self._last < 0.9 * INTERVAL:
             return
         view = self._view(self._last, time, self._turned[:3] / self._turned[3])
         self._turned[:] = 0.0
         self._last = time
-        seen: set[str] = set()
-        for each in self._every:
-            if not each.excluded_by & seen and self._use(each, view):
-                seen.add(each.name)
+        applied: set[str] = set()
+        for measurement in self._every:
+            if not measurement.excluded_by & applied and self._use(measurement, view):
+                applied.add(measurement.name)
 
     def _view(self, begin: float, time: float, mean_gyro: FloatArray) -> FilterView:
         at = self._estimate
         return FilterView(begin, time, at.x, at.correction, at.motion[:3], mean_gyro, float(np.hypot(at.x[3], at.x[4])))
 
     def _use(self, measurement: Measurement, at: FilterView) -> bool:
-        """Apply a measurement, unless gated; return whether there was a measurement."""
+        """Apply a measurement, unless its NIS exceeds the gate. Return whether it had data, also if rejected."""
         z, h, r, estimate = self._z, self._h, self._r, self._estimate
-        part = measurement.observe(at, z, h)
-        m = part.stop - part.start
-        if m == 0:
+        rows = measurement.observe(at, z, h)
+        size = rows.stop - rows.start
+        if size == 0:
             return False
         variance = np.ones(6)
-        variance[part] = measurement.sd[:m] ** 2
-        nis = innovation(estimate.covariance, z, h, variance, part.start, part.stop, np.empty((m, m)))
-        limit = self._gates.limit(m)
-        self._record.aiding(measurement, z[part], nis, nis <= limit)
+        variance[rows] = measurement.sd[:size] ** 2
+        nis = innovation(estimate.covariance, z, h, variance, rows.start, rows.stop, np.empty((size, size)))
+        limit = self._gates.limit(size)
+        self._record.aiding(measurement, z[rows], nis, nis <= limit)
         if nis > limit:
             code, name = Code.GATE_AIDING, measurement.name
-            self._record.event(Finding.of(code, at.time, subject=name, nis=nis, limit_nis=limit, dof=m))
+            self._record.event(Finding.of(code, at.time, subject=name, nis=nis, limit_nis=limit, dof=size))
             return True
         np.fill_diagonal(r, variance)
         estimate.epoch(at.time)
         if estimate.history is not None:
-            estimate.history.aiding(part, z, h, r)
-        estimate.correct(at.time, z[part], h[part], r[part, part])
+            estimate.history.aiding(rows, z, h, r)
+        estimate.correct(at.time, z[rows], h[rows], r[rows, rows])
         return True

@@ -1,13 +1,13 @@
 """Noise estimate from the innovations of a drive, and misalignment of the sensor axes from twelve constants.
 
-A misalignment is a constant, which the filter treats as noise. Each of the twelve off-diagonal terms shifts the
-innovations proportionally: a linear regression outside the filter (B. Friedland, "Treatment of bias in recursive
-filtering", IEEE Trans. Autom. Control 14 (1969) 359-367). A drive determines some terms, and never a common rotation of
-all sensors. The IMU error specification has one size for all terms, and the observed terms are evidence of it. With so
-few terms the size is averaged over plausible values: the most likely one would be over-confident (D. J. C. MacKay,
-"Bayesian interpolation", Neural Computation 4 (1992) 415-447, gives the evidence). The mean of each term corrects the
-samples. The remaining uncertainty adds to the attitude error outside the filter (its "consider" covariance: S. F.
-Schmidt, "Application of state-space methods to navigation problems", Advances in Control Systems 3 (1966) 293-340).
+A misalignment is a constant, which the filter treats as noise. Each of the twelve off-diagonal terms changes the
+innovations in proportion, so a linear regression outside the filter estimates the terms (B. Friedland, "Treatment of
+bias in recursive filtering", IEEE Trans. Autom. Control 14 (1969) 359-367). A drive determines only some terms, and
+never a common rotation of all sensors. The IMU error specification has one size for all terms. The observed terms are
+evidence of this size (D. J. C. MacKay, "Bayesian interpolation", Neural Computation 4 (1992) 415-447). The size is
+averaged over plausible values: the most likely size of few terms would be over-confident. The mean of each term
+corrects the samples. The remaining uncertainty adds to the attitude error outside the filter (S. F. Schmidt,
+"Application of state-space methods to navigation problems", Advances in Control Systems 3 (1966) 293-340).
 """
 
 from __future__ import annotations
@@ -26,51 +26,51 @@ from insnav.kernels.noise_likelihood import held
 from insnav.kernels.smoother import STATE, TIME
 from insnav.types import Alignment, FloatArray, ImuData
 
-TERMS = tuple((i, j) for i in range(3) for j in range(3) if i != j)  # axis i senses a part of the signal about axis j
-# parts of a drive, and normalised scatter between their estimates from which a term is inconsistent
+TERMS = tuple((i, j) for i in range(3) for j in range(3) if i != j)  # axis i senses a part of the signal of axis j
+# Number of parts of a drive. If the slopes of the parts scatter by more than this factor, a term loses weight
 BLOCKS, BY_CHANCE = 20, 2.5
-GRID = np.linspace(-7.0, 4.0, 221)  # logarithm of the size relative to the prior
+GRID = np.linspace(-7.0, 4.0, 221)  # logarithms of the size of all terms, relative to the prior
 
 
 def errors_of_axes(
     epochs: FloatArray, transition: FloatArray, imu: ImuData, nominal: float
 ) -> tuple[FloatArray, FloatArray]:
-    """Compute the filter error from epoch to epoch per radian of each misalignment, gyros first.
+    """Compute the navigation error that each misalignment adds from epoch to epoch, per radian, gyros first.
 
     `epochs` (m, width): history of the filter; `transition` (m, 9, 21). `imu`, `nominal`: samples, interval [s].
     Returns: (12, m, 9) errors of position, velocity and attitude; (m, 3, 3) attitude matrices between the epochs.
     """
     time, q = epochs[:, TIME], epochs[:, STATE + 6 : STATE + 10].copy()
-    q[1:] += np.sign(np.sum(q[1:] * q[:-1], axis=1))[:, None] * q[:-1]  # halfway from the previous epoch
-    c = dcm_from_quat(q / np.linalg.norm(q, axis=1)[:, None])
+    q[1:] += np.sign(np.sum(q[1:] * q[:-1], axis=1))[:, None] * q[:-1]  # attitude halfway between epochs
+    c_nb = dcm_from_quat(q / np.linalg.norm(q, axis=1)[:, None])
     parts = strapdown.intervals(imu, nominal)
     edges = np.concatenate([parts.end[:1] - parts.dt[:1], parts.end])
 
     def between(values: FloatArray) -> FloatArray:
         """Integrate a triad from epoch to epoch, (m, 3)."""
-        whole = np.cumsum(values * parts.dt[:, None] if parts.instant else values, axis=0)
-        at = np.column_stack([np.interp(time, edges, np.concatenate([[0.0], column])) for column in whole.T])
-        return np.diff(at, axis=0, prepend=at[:1])
+        integral = np.cumsum(values * parts.dt[:, None] if parts.instant else values, axis=0)
+        at_epochs = np.column_stack([np.interp(time, edges, np.concatenate([[0.0], column])) for column in integral.T])
+        return np.diff(at_epochs, axis=0, prepend=at_epochs[:1])
 
-    turned, pushed = between(parts.gyro), between(parts.accel)
-    # A misalignment turns gravity into an accelerometer bias, which the filter estimates: see `level_bias`. A mean rate
-    # times the misalignment is no such bias: it is far larger than the biases of good gyros.
-    pushed[1:] -= pushed.sum(axis=0) * (np.diff(time) / (time[-1] - time[0]))[:, None]
-    found = np.zeros((2 * len(TERMS), time.size, 9))
+    turned, gained = between(parts.gyro), between(parts.accel)
+    # Remove the mean specific force: gravity times a misalignment is an accelerometer bias, which the filter estimates
+    # (see `level_bias`). Keep the mean rate: times the misalignment it is far larger than the biases of good gyros.
+    gained[1:] -= gained.sum(axis=0) * (np.diff(time) / (time[-1] - time[0]))[:, None]
+    errors = np.zeros((2 * len(TERMS), time.size, 9))
     for number, (i, j) in enumerate(TERMS):
-        speed, accel = c[:, :, i] * pushed[:, j, None], found[len(TERMS) + number]
-        found[number], accel[:, 3:6] = by_turn(-c[:, :, i] * turned[:, j, None], transition), speed
+        speed, accel = c_nb[:, :, i] * gained[:, j, None], errors[len(TERMS) + number]
+        errors[number], accel[:, 3:6] = by_turn(-c_nb[:, :, i] * turned[:, j, None], transition), speed
         accel[:, :3] = np.einsum("kij,kj->ki", transition[:, :3, 3:6], speed) / 2.0
-    return found, c
+    return errors, c_nb
 
 
 def by_turn(tilt: FloatArray, transition: FloatArray) -> FloatArray:
-    """Compute errors of position, velocity and attitude, (m, 9), by a `tilt` (m, 3) [rad] that grows over epochs.
+    """Compute errors of position, velocity and attitude, (m, 9), by a `tilt` (m, 3) [rad] that grows during each span.
 
-    Zero while the filter holds the attitude.
+    They are zero in a long stationary start, where the filter ignores the gyros.
     """
     tilt = np.where(held(transition)[:, None], 0.0, tilt)
-    # an error spread evenly over the span acts on the next integral for half of it, on the second for a third
+    # a tilt that grows evenly over a span acts on the velocity for half of it, and on the position for a third
     parts = (transition[:, :3, 6:9] / 3.0, transition[:, 3:6, 6:9] / 2.0)
     return np.hstack([*(np.einsum("kij,kj->ki", part, tilt) for part in parts), tilt])
 
@@ -81,7 +81,7 @@ def informed(
     """Compute curvature (k, k) and slope (k,) of the log-likelihood by terms with the effect `by` (k, n).
 
     Correlated innovations, as in multipath, carry less information than independent ones. The slopes of parts of the
-    drive then scatter more than their curvature implies, which reduces their weight (the "sandwich" covariance: P. J.
+    drive then scatter more than the curvature implies. Such terms get less weight (the "sandwich" covariance: P. J.
     Huber, "The behavior of maximum likelihood estimates under nonstandard conditions", 5th Berkeley Symp. 1 (1967)
     221-233; by blocks: K.-Y. Liang, S. L. Zeger, Biometrika 73 (1986) 13-22).
 
@@ -90,28 +90,29 @@ def informed(
     scale = np.where(sd > 0.0, sd, 1.0)
     by = by * scale[:, None]
     fisher, slope = (by * weight) @ by.T, -(by * weight) @ innovation
-    left = weight * (innovation + np.linalg.solve(fisher + np.eye(sd.size), slope) @ by)
-    parts = np.array([by[:, part] @ left[part] for part in np.array_split(np.arange(left.size), BLOCKS)])
+    residual = weight * (innovation + np.linalg.solve(fisher + np.eye(sd.size), slope) @ by)
+    # the scatter of the slopes of parts, at the estimate, shows whether innovations are correlated
+    parts = np.array([by[:, part] @ residual[part] for part in np.array_split(np.arange(residual.size), BLOCKS)])
     scatter = BLOCKS * np.var(parts, axis=0, ddof=1) / np.maximum(np.diag(fisher), 1e-9)
-    less = 1.0 / np.sqrt(np.where(scatter > BY_CHANCE, scatter, 1.0))
-    if (less < 1.0).any():
-        part = fisher @ (less[:, None] * np.linalg.inv(fisher + 1e-6 * np.eye(sd.size)) * less)
+    factor = 1.0 / np.sqrt(np.where(scatter > BY_CHANCE, scatter, 1.0))
+    if (factor < 1.0).any():
+        part = fisher @ (factor[:, None] * np.linalg.inv(fisher + 1e-6 * np.eye(sd.size)) * factor)
         fisher, slope = part @ fisher, part @ slope
     return fisher / np.outer(scale, scale), slope / scale
 
 
 @dataclass(frozen=True, slots=True)
 class Misalignment:
-    """Misalignments as determined by a drive."""
+    """Misalignments estimated from a drive."""
 
     size: tuple[float, float, float]  # root mean square relative to the specification, and its 95 % interval
-    terms: FloatArray  # (12,) mean of each [rad]
-    attitude: FloatArray  # (3,) mean effect on roll, pitch, heading [rad]
-    attitude_sd: FloatArray  # (3,) standard deviation of this effect [rad]
+    terms: FloatArray  # (12,) mean of each misalignment [rad]
+    attitude: FloatArray  # (3,) mean error of roll, pitch, heading by the misalignments [rad]
+    attitude_sd: FloatArray  # (3,) standard deviation of these attitude errors [rad]
     evidence: float  # log odds of misalignments, with averaged size, against none
 
     def corrected(self, imu: ImuData) -> ImuData:
-        """Correct samples for the terms, except their accelerometer bias."""
+        """Correct samples for misalignments, except for the effect of the mean specific force (a bias)."""
 
         def of(values: FloatArray, terms: FloatArray, mean: FloatArray) -> FloatArray:
             askew = np.zeros((3, 3))
@@ -128,18 +129,18 @@ def misalignment(
     """Estimate misalignments from their likelihood.
 
     `fisher` (12, 12), `slope` (12,): curvature and slope of the log-likelihood by the terms. `turned` (12, k, 3): error
-    of roll, pitch, heading at some epochs by each term [-]. `sd` (12,): of the specification [rad]. `prior_sd`: of the
-    logarithm of the size, zero if the specification belongs to this IMU.
+    of roll, pitch, heading at k epochs per term [-]. `sd` (12,): specified sd of the terms [rad]. `prior_sd`: sd of
+    the logarithm of the size, zero if the specification belongs to this IMU.
     """
     grid = GRID if prior_sd > 0.0 else np.zeros(1)
-    scaled, log = fisher * np.outer(sd, sd), -0.5 * (grid / max(prior_sd, 1e-9)) ** 2
+    scaled, log_weight = fisher * np.outer(sd, sd), -0.5 * (grid / max(prior_sd, 1e-9)) ** 2
     means, spreads = np.empty((grid.size, sd.size)), np.empty((grid.size, sd.size, sd.size))
     for k, x in enumerate(grid):
         spreads[k] = np.linalg.inv(scaled + np.exp(-2.0 * x) * np.eye(sd.size))
         means[k] = spreads[k] @ (slope * sd)
-        log[k] += 0.5 * (slope * sd @ means[k] + np.linalg.slogdet(spreads[k])[1]) - x * sd.size
-    weight = np.exp(log - log.max())
-    evidence = float(log.max() + np.log(weight.sum() / np.sum(np.exp(-0.5 * (grid / max(prior_sd, 1e-9)) ** 2))))
+        log_weight[k] += 0.5 * (slope * sd @ means[k] + np.linalg.slogdet(spreads[k])[1]) - x * sd.size
+    weight = np.exp(log_weight - log_weight.max())
+    evidence = float(log_weight.max() + np.log(weight.sum() / np.sum(np.exp(-0.5 * (grid / max(prior_sd, 1e-9)) ** 2))))
     weight /= weight.sum()
     low, high = np.exp(np.interp([0.025, 0.975], np.cumsum(weight), grid)).tolist()
     terms = weight @ means
@@ -156,56 +157,56 @@ def misalignment(
 
 @dataclass(frozen=True, slots=True)
 class NoiseFigure:
-    """Estimated noise parameter."""
+    """Estimated noise parameter, with its prior and interval."""
 
-    key: str  # its dotted name, such as ``gyro.random_walk`` or ``gps.share``
-    unit: str  # display unit
-    # prior (nearest grade), estimate, and its 95 % interval; RMS of the axes; factors of reported sd [SI]
+    key: str  # dotted name, such as ``gyro.random_walk`` or ``gps.share``
+    unit: str  # unit for display of the parameter
+    # prior (nearest grade), estimate, and its 95 % interval [SI]; RMS of the axes, or factors on reported sds
     prior: float
     value: float
     low: float
     high: float
-    observable: bool  # the drive determines it; otherwise the prior does
+    observable: bool  # true if the drive determines it, not the prior
 
 
 @dataclass(frozen=True, slots=True)
 class NoiseEstimate:
     """Noise estimate from the innovations of a drive."""
 
-    spec: ImuSpec  # the IMU
-    filter_spec: ImuSpec  # IMU with the misalignment noise of the innovations
-    axes: Misalignment  # misalignments of the IMU
-    position_factor: FloatArray  # (3,) on position standard deviations, North, East, Down [-]
-    velocity_factor: FloatArray  # (3,) on velocity standard deviations [-]
+    spec: ImuSpec  # estimated IMU, whose misalignments are from the regression
+    filter_spec: ImuSpec  # the same, with the misalignment as noise of the filter
+    axes: Misalignment  # misalignments of the IMU, from the regression
+    position_factor: FloatArray  # (3,) factors on position standard deviations, North, East, Down [-]
+    velocity_factor: FloatArray  # (3,) factors on velocity standard deviations [-]
     correlated: CorrelatedNoise  # time-correlated part of the position error
-    figures: tuple[NoiseFigure, ...]  # estimates with intervals
-    gain: float  # gain of log-likelihood over the prior
-    # mean square of the normalised innovations before and with the estimate [-]
+    figures: tuple[NoiseFigure, ...]  # estimated parameters, with intervals
+    gain: float  # increase of the log-likelihood over the prior
+    # mean square of the normalised innovations with the prior, and with the estimate [-]
     mean_before: float
     mean_after: float
-    far_off: bool  # the attitude error of the run was too large for linear innovations
+    far_off: bool  # true if attitude errors of the run were too large for linear innovations
 
     @property
     def white(self) -> FloatArray:
-        """White part of the position errors, horizontal and vertical, relative to the reported sd, (2,)."""
+        """Ratio of the white position error to the reported sd, horizontal and vertical, (2,)."""
         return np.asarray(self.position_factor[1:] * np.sqrt(1.0 - self.correlated.share))
 
 
 def after_rest(alignment: Alignment, assumed: ImuSpec, estimated: ImuSpec) -> Alignment:
-    """Sharpen the gyro bias of an alignment at rest if the in-run instability is smaller than assumed.
+    """Reduce the gyro bias sd of a stationary alignment if the estimated in-run instability is smaller than assumed.
 
-    `assumed`: the IMU of the alignment. A larger instability comes from the drive: vibration, absent at rest. In a long
-    stationary period a bias changes more than in a drive, which may be short.
+    `assumed`: the IMU of the alignment. A larger estimate is ignored: vibration of the drive, absent at rest, may cause
+    it. After a long stationary period the sd is kept, too: the bias changes more in it than in a short drive.
     """
     if alignment.static is None or alignment.static[1] - alignment.static[0] >= LONG_REST:
         return alignment
-    was, now = assumed.gyro.bias_instability, estimated.gyro.bias_instability
-    less = was**2 - np.minimum(was, now) ** 2
-    return replace(alignment, gyro_bias_sd=np.sqrt(np.maximum(alignment.gyro_bias_sd**2 - less, 0.0)))
+    before, after = assumed.gyro.bias_instability, estimated.gyro.bias_instability
+    reduction = before**2 - np.minimum(before, after) ** 2
+    return replace(alignment, gyro_bias_sd=np.sqrt(np.maximum(alignment.gyro_bias_sd**2 - reduction, 0.0)))
 
 
 def start_by(initial: InitialState, alignment: Alignment, model: ErrorModel, factor: FloatArray) -> InitialState:
-    """Adapt the initial state to another error model: the share of sensor errors in the attitude changes."""
+    """Adapt the initial state to another error model, and to a `factor` (3,) on position sds of fixes."""
     sd = np.sqrt(np.diag(initial.covariance)[:6])
     place = initial.lla, initial.v_n, sd[:3] * factor if initial.from_fix else sd[:3], sd[3:]
     return initial_state(alignment, model, *place, own=initial.own, from_fix=initial.from_fix)

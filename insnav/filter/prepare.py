@@ -27,25 +27,25 @@ from insnav.imu.specification import ImuSpec
 from insnav.types import Alignment, FloatArray, GpsData, ImuData
 
 STILL_SD = 0.05  # sd of the velocity of a stationary vehicle with its engine running [m/s]
-JITTER_WORTH = 1e-4  # a smaller timestamp scatter is rounding; at 30 m/s it makes 3 mm [s]
-LONGEST_GAP = 3.0  # longest bridged data gap: the turn in a longer gap is unknown [s]
-SHORTEST = 10.0  # shorter parts are not navigated: they are too short for an alignment [s]
-FEWEST_FIXES = 5  # for a separately aligned part of the record
-ROUNDS = 3  # of alignment, and of fixes minus the lever arm in its attitude
-AFTER = 2.0 * motion.SPAN + LEVEL_SPAN  # the first motion, or the start: alignment uses no later data [s]
-START_VELOCITY_SD = 0.1  # lever arm and rotation between antenna and IMU at the start, added to the fix [m/s]
+JITTER_WORTH = 1e-4  # smaller scatter of sample timestamps is ignored as rounding; at 30 m/s, it is 3 mm [s]
+LONGEST_GAP = 3.0  # longest data gap that the filter bridges: the turn in a longer gap is unknown [s]
+SHORTEST = 10.0  # shortest part that is navigated: shorter ones do not suffice for an alignment [s]
+FEWEST_FIXES = 5  # least number of fixes to align a part of the record separately
+ROUNDS = 3  # repetitions of the alignment, each with the lever arm in the attitude of the previous one
+AFTER = 2.0 * motion.SPAN + LEVEL_SPAN  # alignment uses data up to this time after the first motion or the start [s]
+START_VELOCITY_SD = 0.1  # velocity of the antenna relative to the IMU at the start, added to the sd of the fix [m/s]
 
 
 @dataclass(frozen=True, slots=True)
 class Start:
     """Initial state specified by the user."""
 
-    time: float  # [s]
+    time: float  # time of the initial state [s]
     # (3,) latitude, longitude [rad], height [m]. Velocity N, E, D [m/s]. Roll, pitch, heading [rad]
     lla: FloatArray
     v_n: FloatArray
     rph: FloatArray
-    # (3,) standard deviations [m], [m/s], [rad]
+    # (3,) standard deviations of position [m], velocity [m/s], attitude [rad]
     position_sd: FloatArray
     velocity_sd: FloatArray
     attitude_sd: FloatArray
@@ -53,12 +53,12 @@ class Start:
 
 @dataclass(frozen=True, slots=True)
 class GivenStart:
-    """Inputs of the user to the alignment; the data give the others."""
+    """Inputs to the alignment that the user specified. The data determine the missing ones."""
 
     state: Start | None = None
-    static_span: tuple[float, float] | None = None  # stationary interval [s]
-    heading: float | None = None  # at the start [rad]
-    mounting_yaw: float = 0.0  # of the IMU in the vehicle, to the right [rad]; see `insnav.alignment.mounting`
+    static_span: tuple[float, float] | None = None  # begin and end of a stationary interval [s]
+    heading: float | None = None  # heading at the start [rad]
+    mounting_yaw: float = 0.0  # of the IMU, positive to the right [rad]; see `insnav.alignment.mounting`
 
 
 def prepare(
@@ -72,36 +72,35 @@ def prepare(
     nominal: float | None = None,
     as_given: bool = False,
 ) -> tuple[FilterInput, tuple[Finding, ...]]:
-    """Prepare a recording for the filter, align it, and return also the findings.
+    """Prepare a recording for the filter: check it, estimate the noise of the fixes, align it. Return also findings.
 
     `spec`: of the IMU. `receiver`: specified or assumed. `states`: 21 or 15, with or without scale factor errors.
-    `known`: inputs to the alignment. `nominal`: sampling interval, by default from the samples [s]. `as_given`:
-    estimate no noise.
-    Raises: InputError: no fixes, or an initial state outside the record. AlignmentError: the data do not determine the
-    attitude.
+    `known`: specified inputs to the alignment. `nominal`: sampling interval, by default from the samples [s].
+    `as_given`: do not estimate the noise of the fixes.
+    Raises: InputError: no fixes, or an initial state outside the record. AlignmentError: attitude not observable.
     """
     start, static_span = known.state, known.static_span
     imu, faults = inspect(imu)
     _check(imu, gps, start)
     gps, notes = with_sd(gps)
     gps, frozen = without_frozen(gps, imu)
-    receiver, found = (receiver, []) if as_given else _noise_of_fixes(imu, gps, receiver)
+    receiver, findings = (receiver, []) if as_given else _noise_of_fixes(imu, gps, receiver)
     model = error_model(spec, states)
     nominal = nominal or strapdown.nominal_interval(imu.time)
-    good = good_fixes(replace(gps, time=gps.time - receiver.delay.value)) if start is None else gps
-    if start is None and (false := count_false_start(good)):
-        left_out = Finding.of(Code.ALIGN_FALSE_START, good.time[0], good.time[false], subject="gps", count=false)
-        good, notes = good.rows(slice(false, None)), (*notes, left_out)
+    usable = good_fixes(replace(gps, time=gps.time - receiver.delay.value)) if start is None else gps
+    if start is None and (false := count_false_start(usable)):
+        left_out = Finding.of(Code.ALIGN_FALSE_START, usable.time[0], usable.time[false], subject="gps", count=false)
+        usable, notes = usable.rows(slice(false, None)), (*notes, left_out)
 
     def aligned(some: ImuData, here: GpsData, *, first: bool) -> tuple[Alignment, InitialState]:
         """Align a part of the record."""
         if start is not None and first:
             return _as_given(start, model)
         inside = static_span is not None and some.time[0] - nominal <= static_span[0] < some.time[-1]
-        seen = fixes = _resting(some, here)
-        intervals = strapdown.intervals(_first_part(some, seen), nominal)
-        for left in reversed(range(ROUNDS if receiver.lever_arm.value.any() else 1)):
-            found = align(
+        raw_fixes = fixes = _resting(some, here)
+        intervals = strapdown.intervals(_first_part(some, raw_fixes), nominal)
+        for remaining in reversed(range(ROUNDS if receiver.lever_arm.value.any() else 1)):
+            alignment = align(
                 intervals,
                 spec,
                 fixes,
@@ -110,25 +109,25 @@ def prepare(
                 yaw=known.mounting_yaw,
                 lever_sd=receiver.lever_arm.sd,
             )
-            if left:  # in a turn, the course belongs to the antenna
-                fixes = motion.at_imu(seen, intervals, found, receiver.lever_arm.value)
-        return found, _at_fix(found, intervals, here, model, receiver)
+            if remaining:  # in a turn, the course of the antenna differs from the course of the IMU
+                fixes = motion.at_imu(raw_fixes, intervals, alignment, receiver.lever_arm.value)
+        return alignment, _at_fix(alignment, intervals, here, model, receiver)
 
-    imu, parts, of_parts = _parts(imu, good, aligned, -np.inf if start is None else start.time)
+    imu, parts, of_parts = _parts(imu, usable, aligned, -np.inf if start is None else start.time)
     alignment, initial = parts[0].alignment, parts[0].initial
     notes = (*notes, *of_parts[:1])
     if alignment.heading_method is Code.ALIGN_HEADING_CREEPING:
         notes = (*notes, Finding.of(Code.ALIGN_HEADING_CREEPING, sd_rad=alignment.sd[2]))
-    begin = float(max(imu.time[0], good.time[0]))
+    begin = float(max(imu.time[0], usable.time[0]))
     if start is None and initial.time - begin > LONG_REST:
         notes = (*notes, Finding.of(Code.ALIGN_LATE, begin, initial.time, duration_s=initial.time - begin))
     rounding = () if as_given else rounding_changes(imu)
     ready = FilterInput(imu, gps, model, parts, nominal, receiver, rounding=rounding)
-    return ready, (*notes, *found, *faults, *frozen, *of_parts[1:])
+    return ready, (*notes, *findings, *faults, *frozen, *of_parts[1:])
 
 
 def align_again(ready: FilterInput, alignment: Alignment) -> FilterInput:
-    """Copy with another alignment, at that alignment's time."""
+    """Copy with another alignment and, at its time, the initial state by the nearest fix."""
     good = _without_false_start(good_fixes(replace(ready.gps, time=ready.fix_time), ready.gates))
     until = int(np.searchsorted(ready.imu.time, alignment.time + AFTER))
     parts = strapdown.intervals(ready.imu.rows(slice(until)), ready.nominal)
@@ -147,10 +146,8 @@ def _parts(
 ) -> tuple[ImuData, tuple[Part, ...], list[Finding]]:
     """Align the record, and again after each long gap of the samples.
 
-    `aligned`: function of samples, fixes and whether they are the first part. `begin_at`: earlier parts are skipped
-    [s].
-    Returns: samples of the aligned parts, these parts, and findings on gaps and parts. Raises: AlignmentError: no part
-    can be aligned.
+    `aligned`: function that aligns samples and fixes of a part. `begin_at`: parts that end earlier are skipped [s].
+    Returns: samples of the aligned parts, these parts, and findings. Raises: AlignmentError: no part can be aligned.
     """
     nominal, rows = strapdown.nominal_interval(imu.time), spans(imu)
     if len(rows) == 1:
@@ -161,22 +158,22 @@ def _parts(
     findings = [Finding.of(Code.FILTER_PARTS, gap_s=longest, limit_s=LONGEST_GAP, count=len(rows) - 1)]
     errors: list[AlignmentError] = []
     for number, span in enumerate(rows, start=1):
-        some = imu.rows(span)
-        begin, end = float(some.time[0]), float(some.time[-1])
-        here = gps.rows((gps.time >= begin - nominal) & (gps.time <= end))
+        samples = imu.rows(span)
+        begin, end = float(samples.time[0]), float(samples.time[-1])
+        fixes = gps.rows((gps.time >= begin - nominal) & (gps.time <= end))
         after = float(imu.time[kept][-1]) if parts else begin
-        short = end - begin < SHORTEST or here.time.shape[0] < FEWEST_FIXES
+        short = end - begin < SHORTEST or fixes.time.shape[0] < FEWEST_FIXES
         try:
             if end <= begin_at:
                 raise AlignmentError("align.part_before_start")
             if short:
-                raise AlignmentError("align.part_short", duration_s=end - begin, count=here.time.shape[0])
-            alignment, initial = aligned(some, here, first=not parts)
+                raise AlignmentError("align.part_short", duration_s=end - begin, count=fixes.time.shape[0])
+            alignment, initial = aligned(samples, fixes, first=not parts)
         except AlignmentError as error:
             errors.append(error)
             code = Code.FILTER_PART_SHORT if short else Code.FILTER_PART_UNALIGNED
             code = Code.FILTER_PART_BEFORE_START if end <= begin_at else code
-            n, why = here.time.shape[0], error.facts
+            n, why = fixes.time.shape[0], error.facts
             findings.append(Finding.of(code, begin, end, number=number, duration_s=end - begin, count=n, cause=why))
         else:
             parts.append(Part(after, alignment, initial))
@@ -193,19 +190,19 @@ def _parts(
 
 
 def spans(imu: ImuData) -> list[slice]:
-    """Return the rows between long gaps."""
+    """Return the row ranges of the samples between gaps longer than `LONGEST_GAP`."""
     edges = [0, *(np.flatnonzero(spill.steps(imu.time) > LONGEST_GAP) + 1).tolist(), imu.time.shape[0]]
     return [slice(first, last) for first, last in pairwise(edges)]
 
 
 def first_stationary(imu: ImuData, gps: GpsData) -> tuple[float, float] | None:
-    """Find the first stationary interval by IMU and GPS: start and end [s], or None."""
+    """Find the first stationary interval from IMU and GPS: begin and end [s], or None."""
     gps = _resting(imu, _without_false_start(good_fixes(gps)))
     return stationary_of(strapdown.intervals(_first_part(imu, gps), strapdown.nominal_interval(imu.time)), gps)
 
 
 def _check(imu: ImuData, gps: GpsData, start: Start | None) -> None:
-    """Reject unusable recordings."""
+    """Refuse a recording without fixes, or with an initial state outside the samples."""
     nominal = strapdown.nominal_interval(imu.time)
     if gps.time.shape[0] == 0:
         raise InputError("gps.no_fix")
@@ -233,7 +230,7 @@ def _noise_of_fixes(imu: ImuData, gps: GpsData, receiver: Receiver) -> tuple[Rec
 
 
 def good_fixes(gps: GpsData, gates: Gates | None = None) -> GpsData:
-    """Return fixes that pass the quality gate; a start uses only these."""
+    """Return the fixes that pass the quality gate. Alignment uses only these."""
     gates = gates or Gates()
     keep = pass_quality(gates, gps)
     if not keep.any():
@@ -244,12 +241,12 @@ def good_fixes(gps: GpsData, gates: Gates | None = None) -> GpsData:
 
 
 def _without_false_start(gps: GpsData) -> GpsData:
-    """Return fixes from the first one that agrees with later fixes."""
+    """Drop the first fixes that contradict later fixes."""
     return gps.rows(slice(count_false_start(gps), None))
 
 
 def _resting(imu: ImuData, gps: GpsData) -> GpsData:
-    """Remove apparent motion of fixes while samples show an initial rest; velocities need no such correction."""
+    """Remove apparent motion of positions during a stationary start. Fixes with velocities need no such correction."""
     if motion.gives_velocities(gps):
         return gps
     nominal = strapdown.nominal_interval(imu.time)
@@ -258,7 +255,7 @@ def _resting(imu: ImuData, gps: GpsData) -> GpsData:
 
 
 def _first_part(imu: ImuData, gps: GpsData) -> ImuData:
-    """Return samples up to shortly after the first motion in the fixes."""
+    """Return the samples up to `AFTER` the first motion in the fixes."""
     moving = motion.first_motion(motion.velocity(gps), float(imu.time[0]))
     if moving is None:
         return imu
@@ -268,13 +265,13 @@ def _first_part(imu: ImuData, gps: GpsData) -> ImuData:
 def _at_fix(
     alignment: Alignment, parts: strapdown.Intervals, gps: GpsData, model: ErrorModel, receiver: Receiver
 ) -> InitialState:
-    """Build the initial state at the fix of the alignment."""
+    """Build the initial state at the fix nearest to the time of the alignment."""
     lever_b = receiver.lever_arm.value
     if lever_b.any():
         gps = motion.at_imu(gps, parts, alignment, lever_b)
     row = int(np.argmin(np.abs(gps.time - alignment.time)))
     alignment = replace(alignment, time=float(gps.time[row]))
-    # an uncertain heading rotates the horizontal part of the lever arm, an error of at most its length
+    # an uncertain heading rotates the lever arm: the position error is at most its horizontal length
     horizontal = float(np.hypot(lever_b[0], lever_b[1]))
     position_sd = np.hypot(gps.position_sd[row], horizontal * min(float(alignment.sd[2]), 1.0))
     if alignment.static is not None:

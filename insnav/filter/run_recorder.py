@@ -1,4 +1,4 @@
-"""Outputs, innovations and events of a run, collected during the run and converted at its end; and poses."""
+"""Collection of outputs, innovations and events during a run, and their conversion to the result at its end."""
 
 from __future__ import annotations
 
@@ -36,29 +36,29 @@ from insnav.types import (
     Trajectory,
 )
 
-CONSISTENCY_WINDOW = 60.0  # NIS is averaged over this long, to average out time-correlated errors of fixes [s]
-# Normalised mean NIS beyond which the filter has diverged. A mean far below one is no divergence. It is usual at rest,
-# and with the cautious standard deviations of many receivers (30 minutes of a good recorded drive).
+CONSISTENCY_WINDOW = 60.0  # NIS is averaged over this time, to average out time-correlated errors of fixes [s]
+# Mean NIS per degree of freedom beyond which the filter has diverged. A mean far below one is normal at rest. It
+# is also normal for receivers that report large standard deviations (30 minutes of a good recorded drive).
 TOO_LARGE = 5.0
-FALSE_FROM = 30.0  # a larger NIS of a position has no further effect, chi-square with three degrees of freedom [-]
+FALSE_FROM = 30.0  # NIS of a position beyond which its cost is limited, chi-square with three degrees of freedom [-]
 ROOM = 1 << 12  # least number of outputs allocated at a time
-ROWS = 1 << 13  # outputs converted at a time: they fit in the processor's cache
+ROWS = 1 << 13  # number of outputs converted at a time: they fit in the processor's cache
 
 
 class Record:
     """Growing record of outputs, epochs, fixes and events."""
 
     def __init__(self, fixes: int, rate_sd: FloatArray | None = None) -> None:
-        self._rate_sd = rate_sd  # (3,) of the gyros, if poses are wanted [rad/s]
-        self._rooms: list[Outputs] = []
-        self._epochs, self._epoch = np.empty((fixes + 2, 26)), 0  # time, variances before and after, delay
+        self._rate_sd = rate_sd  # (3,) sd of gyro rates, if poses are wanted [rad/s]
+        self._rooms: list[Outputs] = []  # allocated tables of outputs
+        self._epochs, self._epoch = np.empty((fixes + 2, 26)), 0  # time, variances before and after updates, delay
         self._events: list[Finding] = []
         self._aiding: dict[tuple[str, str], list[tuple[float, float, float]]] = {}
         self._count = 0
         self._fixes = spill.empty((fixes, epoch.FIX_WIDTH))
 
     def reserve(self, rows: int, grid: FloatArray, wanted: FloatArray) -> Outputs:
-        """Provide space for `rows` more outputs at the times of a `grid` and at `wanted` epochs, see there."""
+        """Provide space for `rows` more outputs, at the times of a `grid` and at `wanted` times; see `Outputs`."""
         if not self._rooms or self._rooms[-1].time.shape[0] < self._rooms[-1].used[0] + rows:
             size = max(ROOM, rows)
             time, aim, state, motion = np.split(spill.empty((18 * size,)), [size, 2 * size, 12 * size])
@@ -68,7 +68,7 @@ class Record:
         return self._rooms[-1]
 
     def epoch(self, time: float, estimate: Estimate) -> None:
-        """Store the variances at a filter epoch, before and after its measurements."""
+        """Store the variances before and after the measurements of a filter epoch at `time` [s]."""
         if self._epoch == len(self._epochs):
             self._epochs = np.concatenate([self._epochs, np.empty_like(self._epochs)])
         row = self._epochs[self._epoch]
@@ -80,7 +80,7 @@ class Record:
         self._events.append(event)
 
     def aiding(self, measurement: Measurement, innovation: FloatArray, nis: float, used: bool) -> None:
-        """Store the innovation of an aiding measurement; at most its first three numbers share a unit."""
+        """Store the innovation of an aiding measurement. Only its first three numbers share a unit."""
         rows = self._aiding.setdefault((measurement.name, measurement.unit.split(",")[0]), [])
         first = innovation[:3]
         rows.append((nis / innovation.shape[0], float(first @ first) / first.size, float(used)))
@@ -95,14 +95,14 @@ class Record:
         estimate: Estimate,
     ) -> None:
         """Store the innovation of a fix, as predicted minus measured, and the state after it."""
-        row, at = self._fixes[self._count], estimate
-        epoch.note_fix(row, time, predicted, sd, *nis, *use, at.all, at.doubt, at.covariance)
+        row, state = self._fixes[self._count], estimate
+        epoch.note_fix(row, time, predicted, sd, *nis, *use, state.all, state.doubt, state.covariance)
         self._count += 1
 
     def misfit(self) -> tuple[float, float]:
-        """Compute mean cost (twice the negative log-likelihood) and mean square of the fixes' innovations.
+        """Compute mean cost (twice the negative log-likelihood) and mean normalised square of the fixes' innovations.
 
-        The cost of false fixes is limited.
+        The cost of a false fix is limited, see `FALSE_FROM`.
         """
         rows = self._fixes[: self._count]
         nis, sd = rows[:, epoch.FIX_NIS], rows[:, epoch.FIX_SD].reshape(-1, 2, 3)
@@ -118,47 +118,47 @@ class Record:
         common: tuple[float, float, FloatArray],
         last: bool,
     ) -> tuple[Trajectory, FloatArray]:
-        """Build a trajectory of the outputs with roll, pitch, heading and standard deviations. Also rates (n, 3).
+        """Convert the outputs to a trajectory with roll, pitch, heading and standard deviations, and rates (n, 3).
 
-        `epochs` (m,) [s]. `variance`: before and after these, see `variances`. `change`: modifies states (n, 10) at
-        times (n,) in place. `common`: clock shift of the times and its standard deviation [s], and standard deviations
-        (3,) common to all attitudes [rad]. Misalignment is filter noise, not a state, but does not average out. These
-        sds describe the rotation between sensor axes and IMU. `last`: outputs are not needed again.
+        `epochs` (m,) [s]. `variance`: variances before and after the measurements of each epoch, see `variances`.
+        `change`: function that corrects states (n, 10) at times (n,) in place. `common`: clock shift of the times and
+        its sd [s], and attitude sds by misalignment (3,) [rad]. Misalignment is the same in all rows: the filter treats
+        it as noise, but it does not average out. `last`: the outputs are not needed again.
 
-        Rows for epochs are moved there, by the clock shift found meanwhile, at constant rate and acceleration.
+        A row wanted at a fixed time is moved to it, after the clock shift, at constant rate and acceleration.
         """
         clock, delay_sd, axes_sd = common
-        (rows, some), begin, first = np.sum([room.used for room in self._rooms], axis=0).tolist(), 0, 0
-        time, known = spill.empty((rows,)), spill.empty((some,), np.int64)
+        (rows, known_count), begin, first = np.sum([room.used for room in self._rooms], axis=0).tolist(), 0, 0
+        time, known_index = spill.empty((rows,)), spill.empty((known_count,), np.int64)
         lla, v_n, rph = (spill.empty((rows, 3)) for _ in range(3))
         rates = spill.empty((0 if self._rate_sd is None else rows, 3))
-        sd, found = spill.empty((rows, NAV)), spill.empty((some, NAV + 3))
+        sd, variances = spill.empty((rows, NAV)), spill.empty((known_count, NAV + 3))
         opposite, adjacent = np.empty((2, ROWS, 3))
-        for number in range(len(self._rooms)):
+        for number in range(len(self._rooms)):  # correct states, move them to output times, interpolate variances
             room = self._rooms.pop(0) if last else self._rooms[number]
             for block in spill.blocks(int(room.used[0]), size=ROWS):
-                here, state, count = room.time[block], room.state[block].copy(), block.stop - block.start
-                change(here, state)
-                own = slice(*np.searchsorted(room.known[: room.used[1]], [block.start, block.stop]))
-                at = room.known[own] - block.start
-                to = np.where(np.isnan(room.aim[block]), here + clock, room.aim[block])
-                move_by_motion(state, at, room.motion[own], (to - here - clock)[at])
+                now, state, count = room.time[block], room.state[block].copy(), block.stop - block.start
+                change(now, state)
+                known_rows = slice(*np.searchsorted(room.known[: room.used[1]], [block.start, block.stop]))
+                moved_rows = room.known[known_rows] - block.start
+                to = np.where(np.isnan(room.aim[block]), now + clock, room.aim[block])
+                move_by_motion(state, moved_rows, room.motion[known_rows], (to - now - clock)[moved_rows])
                 part, begin = slice(begin, begin + count), begin + count
                 sides(state, opposite, adjacent)
                 np.arctan2(opposite[:count], adjacent[:count], out=rph[part])
                 time[part], lla[part], v_n[part] = to, state[:, :3], state[:, 3:6]
                 if rates.size:
-                    rates[part][at] = room.motion[own, :3]
-                between = _between(here[at], epochs, *variance)
-                add_moved(state, at, room.motion[own], delay_sd, between)
-                part, first = slice(first, first + len(at)), first + len(at)
-                known[part], found[part] = at + begin - count, between
-        for block in spill.blocks(some, size=max(ROWS * some // max(rows, 1), 1)):
-            # rows between two known rows need both
+                    rates[part][moved_rows] = room.motion[known_rows, :3]
+                between = _between(now[moved_rows], epochs, *variance)
+                add_moved(state, moved_rows, room.motion[known_rows], delay_sd, between)
+                part, first = slice(first, first + len(moved_rows)), first + len(moved_rows)
+                known_index[part], variances[part] = moved_rows + begin - count, between
+        for block in spill.blocks(known_count, size=max(ROWS * known_count // max(rows, 1), 1)):
+            # interpolation needs the known rows on both sides
             before = slice(max(block.start - 1, 0), block.stop)
-            first = int(known[before.start]) if before.start else 0
-            part = slice(first, int(known[block.stop - 1]) + 1 if block.stop < some else None)
-            deviations(time[part], known[before] - first, found[before], axes_sd, rph[part], sd[part])
+            first = int(known_index[before.start]) if before.start else 0
+            part = slice(first, int(known_index[block.stop - 1]) + 1 if block.stop < known_count else None)
+            deviations(time[part], known_index[before] - first, variances[before], axes_sd, rph[part], sd[part])
         return Trajectory(time, lla, v_n, rph, sd), rates
 
     def finish(
@@ -170,8 +170,8 @@ class Record:
         alone: FloatArray,
         found: SmoothedErrors | None,
     ) -> Run:
-        """Convert everything; `covariance` as stated, `alone` as in the filter."""
-        at, output, fixes = layout(ready.receiver), ready.output, self._fixes[: self._count]
+        """Convert the record to a `Run`. `covariance`: as reported. `alone`: of the filter."""
+        index, output, fixes = layout(ready.receiver), ready.output, self._fixes[: self._count]
         time, state = fixes[:, epoch.FIX_TIME].copy(), fixes[:, epoch.FIX_STATE].copy()
         fix_covariance = fixes[:, epoch.FIX_COVARIANCE].reshape(-1, NAV, NAV)
         if np.ptp(self._epochs[: self._epoch, 0]) == 0.0:
@@ -181,10 +181,10 @@ class Record:
             *(*fixes[:, epoch.FIX_NIS].T.copy(), *fixes[:, epoch.FIX_USE].T.astype(bool)),
         )
         self._events += _divergence(innovations, ready.gates.nis_limit)
-        # an estimated clock offset is attributed to the IMU: GPS time is more accurate
+        # an estimated delay shifts the samples: GPS time is more accurate
         clock = delay if ready.receiver.delay.sd > 0 else 0.0
-        delay_sd = float(np.sqrt(covariance[STATES, STATES])) if at.delay >= 0 else 0.0
-        if clock != 0.0:  # the offset estimated at that time shifted the state along its velocity
+        delay_sd = float(np.sqrt(covariance[STATES, STATES])) if index.delay >= 0 else 0.0
+        if clock != 0.0:  # at each fix, the state was shifted by the delay estimated at that time
             move_along(state, clock - fixes[:, epoch.FIX_DELAY])
         epochs, self._epochs = np.asfortranarray(self._epochs[: self._epoch]), self._epochs[:0]
         filtered, rates = self._trajectory(
@@ -200,10 +200,10 @@ class Record:
         if found is not None:
             rows = np.searchsorted(time, found.time[found.used] - 1e-6)
             moved = _moved(state[rows], delay_sd)
-            both = np.ascontiguousarray(found.covariance[:, [*range(NAV), 6, 6, 7], [*range(NAV), 7, 8, 8]])
+            covariances = np.ascontiguousarray(found.covariance[:, [*range(NAV), 6, 6, 7], [*range(NAV), 7, 8, 8]])
             track, rates = self._trajectory(
                 found.time,
-                (both, both),
+                (covariances, covariances),
                 lambda time, state: correct(time, state, found.time, found.after, found.before),
                 (clock, delay_sd, ready.model.axes_sd),
                 True,
@@ -231,8 +231,8 @@ class Record:
             gps_delay_sd=delay_sd,
             smoothed=smoothed,
             lever_b=lever_b.copy(),
-            lever_sd=_of_lever(at, covariance),
-            lever_sd_alone=_of_lever(at, alone),
+            lever_sd=_of_lever(index, covariance),
+            lever_sd_alone=_of_lever(index, alone),
             aiding=tuple(_aiding_use(*what, np.array(rows)) for what, rows in sorted(self._aiding.items())),
         )
 
@@ -248,10 +248,10 @@ def _aiding_use(name: str, unit: str, rows: FloatArray) -> AidingUse:
 
 
 def _moved(state: FloatArray, delay_sd: float) -> FloatArray:
-    """Apply `moved` to states (n, 16): (n, 9)."""
+    """Compute the effect of a clock error `delay_sd` [s] on states (n, 16), (n, 9); see `moved`."""
     out = np.empty((state.shape[0], NAV))
-    for row, by in zip(state, out, strict=True):
-        moved(row[:10], row[10:], delay_sd, by)
+    for row, effect in zip(state, out, strict=True):
+        moved(row[:10], row[10:], delay_sd, effect)
     return out
 
 
@@ -260,44 +260,44 @@ def _squared(error: FloatArray) -> FloatArray:
 
 
 def _before(time: FloatArray, epochs: FloatArray) -> IntArray:
-    """Find the last epoch up to each of the times, which ascend."""
+    """Find the last epoch not after each of the times, which are in ascending order."""
     begun = np.bincount(np.searchsorted(time + TIME_TOLERANCE, epochs), minlength=time.size + 1)
     return np.asarray(np.maximum(begun[: time.size].cumsum() - 1, 0))
 
 
 def _between(time: FloatArray, epochs: FloatArray, before: FloatArray, after: FloatArray) -> FloatArray:
-    """Interpolate at some times (n,) from the value after an epoch to the value before the next."""
-    k = _before(time, epochs)
-    following = np.minimum(k + 1, epochs.shape[0] - 1)
-    span = epochs[following] - epochs[k]
-    share = np.clip((time - epochs[k]) / np.where(span > 0.0, span, 1.0), 0.0, 1.0)[:, None]
-    share[time - epochs[k] <= TIME_TOLERANCE] = 0.0
-    return np.asarray((1.0 - share) * after[k] + share * before[following])
+    """Interpolate values at times (n,), between the value after an epoch and the value before the next epoch."""
+    epoch_before = _before(time, epochs)
+    following = np.minimum(epoch_before + 1, epochs.shape[0] - 1)
+    span = epochs[following] - epochs[epoch_before]
+    share = np.clip((time - epochs[epoch_before]) / np.where(span > 0.0, span, 1.0), 0.0, 1.0)[:, None]
+    share[time - epochs[epoch_before] <= TIME_TOLERANCE] = 0.0
+    return np.asarray((1.0 - share) * after[epoch_before] + share * before[following])
 
 
 def _smoothed(track: Trajectory, found: SmoothedErrors, clock: float, moved: FloatArray) -> Smoothed:
     """Build the smoothed solution, and its states and sensor errors at the epochs with an accepted fix.
 
-    `moved` (m, 9): see `_moved`, at these.
+    `moved` (m, 9): effect of a clock error at these epochs, see `_moved`.
     """
     used = np.flatnonzero(found.used)
-    time, at, error = found.time[used] + clock, found.state[used], found.after[used]
-    for row, wrong in zip(at, error, strict=True):
-        feed_back(row, np.zeros(SENSOR), wrong)
+    time, state, error = found.time[used] + clock, found.state[used], found.after[used]
+    for row, state_error in zip(state, error, strict=True):
+        feed_back(row, np.zeros(SENSOR), state_error)
     covariance = spill.by_blocks(lambda row, some: found.covariance[row] + _squared(some), used, moved)
-    states = Epochs(time, at[:, :3], at[:, 3:6], at[:, 6:], covariance)
+    states = Epochs(time, state[:, :3], state[:, 3:6], state[:, 6:], covariance)
     sd = np.sqrt(np.maximum(found.variance[used], 0.0))
     return Smoothed(track, states, SensorErrors(time, found.correction[used] - error[:, NAV:], sd))
 
 
 def _divergence(innovations: Innovations, limit: float) -> list[Finding]:
-    """Find minutes in which accepted measurements are, on average, too far from their predictions.
+    """Report minutes in which accepted measurements are, on average, too far from their predictions.
 
-    `limit`: NIS of de-weighted small innovations; a minute of such fixes means divergence, a few do not.
+    `limit`: upper limit of the NIS of one fix, so that only many large innovations in a minute count as divergence.
     """
-    found: list[Finding] = []
+    findings: list[Finding] = []
     if innovations.time.size == 0:
-        return found
+        return findings
     window = np.floor((innovations.time - innovations.time[0]) / CONSISTENCY_WINDOW).astype(int)
     for name, nis, used in (
         ("position", innovations.nis_position, innovations.used_position),
@@ -308,26 +308,26 @@ def _divergence(innovations: Innovations, limit: float) -> list[Finding]:
         for w in np.flatnonzero((count >= 20) & (mean / 3.0 > TOO_LARGE)):
             begin, size = float(innovations.time[0] + w * CONSISTENCY_WINDOW), float(mean[w] / 3.0)
             end = begin + CONSISTENCY_WINDOW
-            found.append(Finding.of(Code.FILTER_DIVERGED, begin, end, subject=name, nis=size, limit_nis=TOO_LARGE))
-    return found
+            findings.append(Finding.of(Code.FILTER_DIVERGED, begin, end, subject=name, nis=size, limit_nis=TOO_LARGE))
+    return findings
 
 
 def on_grid(time: FloatArray, every: float) -> BoolArray:
-    """Find the rows whose times (n,) [s] are whole multiples of `every` [s]; all if it is zero."""
+    """Find the rows whose times (n,) [s] are whole multiples of `every` [s], or all rows if `every` is zero."""
     if every <= 0.0:
         return np.ones(time.shape, dtype=np.bool_)
     return np.asarray(np.abs(time - np.round(time / every) * every) < TIME_TOLERANCE)
 
 
 def rows_of(time: FloatArray, epochs: FloatArray) -> IntArray:
-    """Return the rows of `time` (n,) at `epochs` (m,) [s]; epochs without a row are left out."""
+    """Return the rows of `time` (n,) [s] that equal `epochs` (m,) [s]. Epochs without a row are left out."""
     row = np.searchsorted(time, epochs - 2.0 * TIME_TOLERANCE)
     row = row[row < time.size]
     return np.asarray(row[np.abs(time[row] - epochs[: row.size]) < 4.0 * TIME_TOLERANCE], dtype=np.int64)
 
 
 def covariance_at(time: FloatArray, epochs: Epochs) -> FloatArray:
-    """Interpolate the covariance of position, velocity, attitude linearly in time, (n, 9, 9); zero without epochs."""
+    """Interpolate the covariance of position, velocity, attitude linearly in time, (n, 9, 9). Zero without epochs."""
     covariance = epochs.covariance if epochs.time.size else np.zeros((1, 9, 9))
     if len(covariance) == 1:
         return np.repeat(covariance, time.size, axis=0)
@@ -348,8 +348,8 @@ def move_to_point(
     point_b : (3,) array
         The point seen from the IMU, body axes [m].
     covariance : (n, 9, 9) array
-        Of position [m], velocity [m/s], attitude [rad]: only correlations and attitude are used. `track` has the
-        standard deviations of position and velocity, and the least ones of roll, pitch and heading.
+        Of position [m], velocity [m/s], attitude [rad]: only correlations and attitude are used. `track` provides the
+        standard deviations of position and velocity, and lower limits of roll, pitch and heading.
     rate_sd : (3,) array
         Standard deviation of the rates [rad/s].
 
@@ -363,26 +363,26 @@ def move_to_point(
     sd = track.sd
     if sd is not None:
         sd = sd.copy()
-        # rows of sd of roll, pitch, heading beyond the covariance: rotation between sensor axes and IMU, and widening
+        # attitude variance of `track` beyond the covariance: misalignment of the sensors, and widening by ambiguities
         heading, level = track.rph[:, 2], np.zeros(len(track.time))
         pitch_axis = np.column_stack([-np.sin(heading), np.cos(heading), level])
         axes = np.stack([c[:, :, 0], pitch_axis, np.tile([0.0, 0.0, 1.0], (len(level), 1))], axis=2)
-        own = np.linalg.pinv(axes)
+        to_rph = np.linalg.pinv(axes)
         attitude = covariance[:, 6:, 6:]
-        more = np.maximum(sd[:, 6:] ** 2 - np.einsum("nij,njk,nik->ni", own, attitude, own), 0.0)
-        attitude = attitude + np.einsum("nij,nj,nkj->nik", axes, more, axes)
-        turned = c @ skew(point_b)
-        noise = [0.0, np.einsum("nij,j->ni", turned**2, rate_sd**2)]
-        for by, rows, further in zip((lever_n, slip_n), (slice(0, 3), slice(3, 6)), noise, strict=True):
-            s, size = skew(by), np.sqrt(np.maximum(np.einsum("nii->ni", covariance[:, rows, rows]), 1e-30))
+        excess = np.maximum(sd[:, 6:] ** 2 - np.einsum("nij,njk,nik->ni", to_rph, attitude, to_rph), 0.0)
+        attitude = attitude + np.einsum("nij,nj,nkj->nik", axes, excess, axes)
+        by_rate = c @ skew(point_b)
+        noise = [0.0, np.einsum("nij,j->ni", by_rate**2, rate_sd**2)]
+        for vector, rows, noise_variance in zip((lever_n, slip_n), (slice(0, 3), slice(3, 6)), noise, strict=True):
+            s, size = skew(vector), np.sqrt(np.maximum(np.einsum("nii->ni", covariance[:, rows, rows]), 1e-30))
             cross = covariance[:, rows, 6:] * (np.minimum(sd[:, rows] / size, 1e6) * (size > 1e-12))[:, :, None]
-            variance = sd[:, rows] ** 2 + np.einsum("nij,njk,nik->ni", s, attitude, s) + further
+            variance = sd[:, rows] ** 2 + np.einsum("nij,njk,nik->ni", s, attitude, s) + noise_variance
             sd[:, rows] = np.sqrt(np.maximum(variance + 2.0 * np.einsum("nij,nij->ni", cross, s), 0.0))
     return replace(track, lla=lla_offset(track.lla, lever_n), v_n=track.v_n + slip_n, sd=sd)
 
 
 def poses_of(track: Trajectory, w_ib_b: FloatArray, known: Epochs, wanted: Output, rate_sd: FloatArray) -> Trajectory:
-    """Take the rows of a solution at the wanted epochs, by default all, and move them; see `move_to_point`."""
+    """Select the rows of a solution at the wanted times, by default all, and move them; see `move_to_point`."""
     rows: IntArray | slice = rows_of(track.time, wanted.epochs) if wanted.epochs.size else slice(None)
     poses = track.rows(rows)
     if wanted.point_b is None:

@@ -1,4 +1,4 @@
-"""Processing of a recording: data, estimates, and the steps between them.
+"""Steps that process a recording, with the data and the estimates that they pass on.
 
 A step is a pure function ``step(recording, model) -> (recording, model, findings)`` in the file of its name. It imports
 no other step. It reads the results of earlier steps from the recording and the model.
@@ -49,31 +49,31 @@ STEPS = (
     "evaluate",  # compare the solution with the reference
 )
 LOAD = STEPS[: STEPS.index("align")]
-# steps that are repeated with another lever arm, or other fixes
+# steps to repeat with another lever arm (`PREPARE`), and with other fixes (`ALIGN`)
 PREPARE = STEPS[STEPS.index("align") : STEPS.index("lever_arm")]
 ALIGN = STEPS[STEPS.index("align") : STEPS.index("explain")]
 NAVIGATE = STEPS[STEPS.index("align") : STEPS.index("navigate")]  # steps that set the filter up
-_STAGES = dict.fromkeys(LOAD, "checking the data") | {  # words of the progress display
+_STAGES = dict.fromkeys(LOAD, "checking the data") | {  # messages of the progress display, by step
     "align": "aligning",
     "explain": "looking for faults",
     **dict.fromkeys(("noise", "lever_arm"), "finding the noise"),
     "navigate": "navigating",
     **dict.fromkeys(("check_given", "evaluate"), "evaluating"),
 }
-_COLUMNS = ("gyro", "accel", "lla", "v_n", "position_sd", "velocity_sd")  # of `ImuData` and `GpsData`
+_COLUMNS = ("gyro", "accel", "lla", "v_n", "position_sd", "velocity_sd")  # listed in arithmetic errors
 
 
 @dataclass(frozen=True, slots=True)
 class Recording:
-    """The data. No step edits them; a step may replace them by its own output."""
+    """Data of a recording. A step does not modify them in place, but may return others in their place."""
 
     imu: Reading[ImuData]
     gps: Reading[GpsData] | None
     reference: Reading[Trajectory] | None
-    logs: Mapping[str, Reading[SensorLog]]  # further sensors by name
-    inputs: Inputs  # inputs specified with them
+    logs: Mapping[str, Reading[SensorLog]]  # files of further sensors, by name
+    inputs: Inputs  # inputs that the user specified
     fixes: GpsData | None = None  # fixes in use, with a standard deviation for each value
-    fixes_by_scatter: GpsData | None = None  # without frozen fixes, with the sd of their own scatter
+    fixes_by_scatter: GpsData | None = None  # without frozen fixes; a missing sd is the scatter between fixes
 
     def given(self) -> dict[str, Reading[ImuData] | Reading[GpsData] | Reading[Trajectory] | Reading[SensorLog]]:
         """Return the readings by name: ``imu``, ``gps``, ``reference`` and further sensors."""
@@ -82,7 +82,7 @@ class Recording:
 
     @property
     def facts(self) -> dict[str, ReadingFacts]:
-        """Interpretation of each file."""
+        """Interpretation of each file, by the same names."""
         return {name: each.facts for name, each in self.given().items()}
 
 
@@ -91,35 +91,35 @@ class Estimate:
     """Value with its standard deviation and source."""
 
     value: float
-    sd: float  # 0 for a value that the filter does not estimate
+    sd: float  # standard deviation; 0 for a value that the filter does not estimate
     source: Source
 
 
 @dataclass(frozen=True, slots=True)
 class Task:
-    """Options of the navigation; see `insnav.session.drive.Drive.navigate`."""
+    """Options for the navigation step; see `insnav.session.drive.Drive.navigate`."""
 
-    states: int = 21
+    states: int = 21  # number of filter states: 21, or 15 without scale factor errors
     aiding: AidingChoice = "auto"
-    output: Output | None = None  # by default a smoothed solution every 0.1 s
-    progress: Callable[[float], None] | None = None
+    output: Output | None = None  # outputs; by default a smoothed solution every 0.1 s
+    progress: Callable[[float], None] | None = None  # function called with the fraction done
 
 
 @dataclass(frozen=True, slots=True)
 class Model:
-    """Estimates of the steps."""
+    """Estimates that the steps pass on."""
 
     receiver: Receiver  # lever arm and delay, as specified or assumed
     imu: tuple[ImuSpec, Finding] | None = None  # error specification, and how it was chosen
-    # of the IMU in the vehicle, to the right [rad]; the source states the origin of the vehicle axes
+    # yaw of the IMU in the vehicle, positive to the right [rad]; its source is the source of the vehicle axes
     mounting_yaw: Estimate = field(default=Estimate(0.0, 0.0, "given"))
     task: Task = field(default_factory=Task)
-    ready: FilterInput | None = None  # the filter at its start
+    ready: FilterInput | None = None  # input of the filter, after the alignment
     clock: Estimate = field(default=Estimate(0.0, 0.0, "given"))  # shift of the samples to fix time [s]
-    noise: NoiseEstimate | None = None  # noise of IMU and fixes by the innovations
-    found: Mapping[str, tuple[Finding, ...]] = field(default_factory=dict)  # findings of each step, as last run
-    explanation: Explanation | None = None  # faults of the recording
-    solved: Navigated | None = None  # the solution
+    noise: NoiseEstimate | None = None  # noise of IMU and fixes, from the innovations
+    found: Mapping[str, tuple[Finding, ...]] = field(default_factory=dict)  # findings of each step's last run
+    explanation: Explanation | None = None  # faults found in the recording
+    solved: Navigated | None = None  # solution of filter and smoother
     evaluated: EvaluatedRun | None = None  # solution compared with the reference
 
     @property
@@ -130,20 +130,20 @@ class Model:
 
     @property
     def findings(self) -> tuple[Finding, ...]:
-        """Findings of the steps from the alignment to the navigation.
+        """Findings of all steps from the alignment on that precede the navigation.
 
-        The last one on time-correlated errors of positions holds.
+        Of several findings on time-correlated errors of positions, only the last one is kept.
         """
-        found = dict.fromkeys(each for step in NAVIGATE for each in self.found.get(step, ()))
-        correlated = [each for each in found if each.code in CORRELATED_POSITIONS]
-        return tuple(each for each in found if each not in correlated[:-1])
+        listed = dict.fromkeys(each for step in NAVIGATE for each in self.found.get(step, ()))
+        correlated = [each for each in listed if each.code in CORRELATED_POSITIONS]
+        return tuple(each for each in listed if each not in correlated[:-1])
 
 
 def run_steps(
     names: Sequence[str], recording: Recording, model: Model
 ) -> tuple[Recording, Model, tuple[StepRecord, ...]]:
-    """Run some steps in order, and announce each to the progress display."""
-    from insnav.result import StepRecord  # heavy import, therefore late
+    """Run the named steps in order, announce each to the progress display, and record its findings and duration."""
+    from insnav.result import StepRecord  # import late, as it is slow
 
     records = []
     for name in names:
@@ -159,7 +159,7 @@ def run_steps(
 
 @contextmanager
 def naming_data(step: str, *given: Reading[Any] | None) -> Iterator[None]:
-    """Raise a failure of the arithmetic in a step as an `InputError` with the constant columns and largest values."""
+    """Convert an arithmetic error in a step to an `InputError` that names constant columns and largest values."""
     import numpy as np
 
     try:

@@ -25,35 +25,34 @@ from insnav.input.readers.kinds import files_with
 from insnav.steps import Estimate, Model, Recording
 from insnav.steps.given import as_given, set_up_filter
 
-LATE, LATE_SURE = 0.03, 10.0  # smallest reported delay error [s], and in sd of the estimate
+LATE, LATE_SURE = 0.03, 10.0  # a specified delay is rejected if its error exceeds both: [s], and sd of the estimate
 
 
 def align(recording: Recording, model: Model) -> tuple[Recording, Model, tuple[Finding, ...]]:
-    """Align the drive and set the filter up.
+    """Estimate initial attitude, GPS delay and clock rate, and set the filter up.
 
-    Raises: ConfigError: neither GPS nor a reference at rest gives a position. InputError, AlignmentError: the data
-    cannot be navigated.
+    Raises: ConfigError: neither GPS nor a stationary reference gives a position. InputError, AlignmentError: bad data.
     """
     if model.task.states not in (15, 21):
         raise ConfigError("align.bad_states", where="--states", value=model.task.states)
     if recording.fixes is None:
         imu = Path(recording.imu.facts.path)
-        beside = ", ".join(files_with("gps", imu.parent)) if imu.is_file() else ""
-        raise ConfigError("align.no_position", where="--gps", imu=imu.name if beside else "", beside=beside)
+        gps_files = ", ".join(files_with("gps", imu.parent)) if imu.is_file() else ""
+        raise ConfigError("align.no_position", where="--gps", imu=imu.name if gps_files else "", beside=gps_files)
     given = recording.inputs.get("heading")
     aligned = _on_time(recording, model, given)
     if not as_given(recording.inputs):
         if model.receiver.delay.source == "given":
             aligned, model = with_right_delay(aligned, recording, model, given)
-        free, arm = model, model.receiver.lever_arm
-        if arm.source == "given" and not arm.sd:  # gyros that are noisier than assumed make an arm shorter
-            run, off, limit = lever_off(aligned.ready, arm.value)
-            if (off > limit).any() and pretended(aligned.ready, run) <= PRETENDED:
-                free = replace(model, receiver=model.receiver.forget_lever_arm())
-                aligned = _on_time(recording, free, given)
+        tested, arm = model, model.receiver.lever_arm
+        if arm.source == "given" and not arm.sd:  # test a specified arm, unless gyro noise spoils the estimate
+            run, difference, limit = lever_off(aligned.ready, arm.value)
+            if (difference > limit).any() and pretended(aligned.ready, run) <= PRETENDED:
+                tested = replace(model, receiver=model.receiver.forget_lever_arm())
+                aligned = _on_time(recording, tested, given)
         if given is not None:
-            with suppress(AlignmentError):  # the drive does not determine the heading
-                aligned = with_right_heading(aligned, _on_time(recording, free, None))
+            with suppress(AlignmentError):  # ignore a drive that does not determine the heading
+                aligned = with_right_heading(aligned, _on_time(recording, tested, None))
     clock = Estimate(aligned.clock, aligned.ready.receiver.delay.least_sd, "data")
     return recording, replace(model, ready=aligned.ready, clock=clock), aligned.findings
 
@@ -61,16 +60,16 @@ def align(recording: Recording, model: Model) -> tuple[Recording, Model, tuple[F
 def with_right_delay(
     aligned: Aligned, recording: Recording, model: Model, heading: float | None
 ) -> tuple[Aligned, Model]:
-    """Keep the given delay, or replace it by the estimate of the drive if that contradicts it and fits better."""
-    free = replace(model, receiver=replace(model.receiver, delay=Delay(sd=DELAY_SD, source="prior")))
-    other, given = _on_time(recording, free, heading), model.receiver.delay.value
-    sd = other.ready.receiver.delay.least_sd or np.inf
-    near = abs(other.clock - given) <= max(LATE, LATE_SURE * sd)
-    if near or filtered(aligned.ready).misfit <= filtered(other.ready).misfit:
+    """Keep the specified delay, unless the estimate from the drive contradicts it and fits the fixes better."""
+    without_delay = replace(model, receiver=replace(model.receiver, delay=Delay(sd=DELAY_SD, source="prior")))
+    estimated, given = _on_time(recording, without_delay, heading), model.receiver.delay.value
+    sd = estimated.ready.receiver.delay.least_sd or np.inf
+    agrees = abs(estimated.clock - given) <= max(LATE, LATE_SURE * sd)
+    if agrees or filtered(aligned.ready).misfit <= filtered(estimated.ready).misfit:
         return aligned, model
-    values: dict[str, Any] = {"given_s": given, "estimate_s": other.clock, "estimate_sd_s": sd}
-    rejected = Finding.of(Code.GIVEN_DELAY_REJECTED, other.ready.initial.time, subject="gps", **values)
-    return replace(other, findings=(*other.findings, rejected)), free
+    values: dict[str, Any] = {"given_s": given, "estimate_s": estimated.clock, "estimate_sd_s": sd}
+    rejected = Finding.of(Code.GIVEN_DELAY_REJECTED, estimated.ready.initial.time, subject="gps", **values)
+    return replace(estimated, findings=(*estimated.findings, rejected)), without_delay
 
 
 def _on_time(recording: Recording, model: Model, heading: float | None) -> Aligned:

@@ -1,4 +1,4 @@
-"""Step 11: compare the inputs with the solution."""
+"""Step 11: report inputs that the solution contradicts."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ def check_given(recording: Recording, model: Model) -> tuple[Recording, Model, t
     """Report inputs and assumptions that the solution contradicts."""
     assert model.ready is not None
     assert model.solved is not None
-    first, ready, solved = model.solved, model.ready, model.solved
+    navigated, ready, solved = model.solved, model.ready, model.solved
     doubts = () if recording.gps is None else understated(model.noise, recording.gps.data, ready.initial.time)
     if ready.receiver.lever_arm.sd:
         run, hidden = with_hidden_lever(solved.ready, solved.run)
@@ -23,14 +23,14 @@ def check_given(recording: Recording, model: Model) -> tuple[Recording, Model, t
         doubts = (*doubts, lever_contradicted(model.receiver.lever_arm.value, solved.run))
     if model.mounting_yaw.source == "prior":
         doubts = (*doubt_mounting(solved.run.events), *doubts)
-    found = (*doubts, *added(first.findings, solved.findings))
-    of_files = [event for reading in recording.given().values() for event in reading.events]
-    events = by_time([*of_files, *doubts, *solved.run.events])
+    findings = (*doubts, *added(navigated.findings, solved.findings))
+    file_events = [event for reading in recording.given().values() for event in reading.events]
+    events = by_time([*file_events, *doubts, *solved.run.events])
     solved = replace(solved, run=replace(solved.run, events=events))
-    return recording, replace(model, solved=solved), found
+    return recording, replace(model, solved=solved), findings
 
 
 def doubt_mounting(events: tuple[Finding, ...]) -> tuple[Finding, ...]:
     """Report the assumed mounting as doubtful if the IMU contradicts the fixes, as wrong axes do."""
-    found = list(of_code(events, *OF_THE_IMU))
-    return tuple(Finding.of(Code.MOUNTING_DOUBTED, each.begin, subject="imu", count=len(found)) for each in found[:1])
+    doubts = list(of_code(events, *OF_THE_IMU))
+    return tuple(Finding.of(Code.MOUNTING_DOUBTED, each.begin, subject="imu", count=len(doubts)) for each in doubts[:1])

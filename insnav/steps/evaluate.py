@@ -11,13 +11,13 @@ from insnav.steps.given import reference_point
 
 
 def evaluate(recording: Recording, model: Model) -> tuple[Recording, Model, tuple[Finding, ...]]:
-    """Evaluate the solution.
+    """Compute the errors of the solution against the reference.
 
     Raises: InputError: solution and reference have no common time.
     """
     assert model.solved is not None
     reference, run = recording.reference, model.solved.run
     point = None if reference is None else reference_point(recording.inputs, reference.data)
-    found, notes = evaluate_run(model.solved, reference, run.lever_b if point is None else point)
-    evaluated = replace(found, noise=model.noise)
-    return recording, replace(model, evaluated=evaluated), (*notes, *added(run.events, found.run.events))
+    result, notes = evaluate_run(model.solved, reference, run.lever_b if point is None else point)
+    evaluated = replace(result, noise=model.noise)
+    return recording, replace(model, evaluated=evaluated), (*notes, *added(run.events, result.run.events))

@@ -14,7 +14,7 @@ from insnav.findings import Finding
 from insnav.steps import ALIGN, Model, Recording, run_steps
 from insnav.types import GpsData
 
-ROUNDS = 3  # of fixes put on one delay
+ROUNDS = 3  # largest number of searches with fix times corrected for delay steps
 
 
 def explain(recording: Recording, model: Model) -> tuple[Recording, Model, tuple[Finding, ...]]:
@@ -40,19 +40,20 @@ def explain(recording: Recording, model: Model) -> tuple[Recording, Model, tuple
         ready, explanation = explain_faults(before, kinds)
     explanation = replace(explanation.after(rounds), faults=(*late, *explanation.faults))
     findings = (*(find(step, fixes) for step in late), *explanation.findings)
-    # the recording keeps its fixes: with another lever arm, their delay is searched again
+    # do not store the corrected fixes: a repetition with another lever arm searches their delay again
     return recording, replace(model, ready=ready, explanation=explanation), findings
 
 
 def put_on_one_delay(fixes: GpsData, ready: FilterInput, steps: Sequence[Fault], clock: float) -> GpsData:
-    """Correct the times of fixes for steps of their delay, to the smallest delay: receivers begin to lag.
+    """Correct fix times for steps of the delay: all fixes get the smallest delay, as receivers start on time, then lag.
 
-    `clock`: mean delay so far [s].
+    `clock`: mean delay of the fixes by the alignment [s].
     """
     # errors are estimate minus truth: an increase of the delay makes a negative error
     late = -np.sum([step.size[0] * step.inside(fixes.time - ready.receiver.delay.value) for step in steps], axis=0)
-    every = clock + late - late.mean()
-    right = late[int(np.argmin(np.abs(every)))]
-    time = fixes.time - (late - right)
+    delay = clock + late - late.mean()
+    smallest = late[int(np.argmin(np.abs(delay)))]
+    time = fixes.time - (late - smallest)
+    # drop fixes whose corrected time is not after all earlier ones
     kept = time > np.maximum.accumulate(np.concatenate([[-np.inf], time[:-1]]))
     return replace(fixes, time=time).rows(np.flatnonzero(kept))

@@ -34,7 +34,7 @@ from insnav.strapdown import intervals
 from insnav.types import FloatArray, GpsData, ImuData, Trajectory
 from insnav.units import DEG
 
-_LONGEST_LEVER = 100.0  # a longer lever arm has another unit [m]
+_LONGEST_LEVER = 100.0  # a longer lever arm must be in another unit [m]
 
 
 def checked(inputs: Inputs) -> Inputs:
@@ -48,14 +48,14 @@ def checked(inputs: Inputs) -> Inputs:
             raise ConfigError(
                 "input.unknown_input", value=key, known=tuple("imu" if name == "imu_model" else name for name in INPUTS)
             )
-        what = INPUTS[key]
-        # a comparison that also fails for NaN
-        if isinstance(value, int | float) and not what.low <= value / what.size <= what.high:
+        item = INPUTS[key]
+        # this comparison also rejects NaN
+        if isinstance(value, int | float) and not item.low <= value / item.size <= item.high:
             raise ConfigError(
-                "input.out_of_range", where=key, value=value / what.size, low=what.low, high=what.high, unit=what.unit
+                "input.out_of_range", where=key, value=value / item.size, low=item.low, high=item.high, unit=item.unit
             )
-        if value is not None and what.choices:
-            one_of(key, value, what.choices)
+        if value is not None and item.choices:
+            one_of(key, value, item.choices)
     with_priors(inputs.get("faults") or {})
     vector("lever_arm", inputs.get("lever_arm"))
     vector("ref_lever_arm", inputs.get("ref_lever_arm"))
@@ -71,7 +71,7 @@ def checked(inputs: Inputs) -> Inputs:
 
 
 def as_given(inputs: Inputs) -> bool:
-    """Return whether nothing is estimated from the whole record: the filter then uses only earlier data."""
+    """Test whether no noise and no faults are estimated from the whole record: the filter uses earlier data only."""
     return Inputs(noise="model", explain="off").items() <= inputs.items()
 
 
@@ -97,7 +97,7 @@ def reference_point(inputs: Inputs, reference: Trajectory) -> FloatArray | None:
     """Return the point of a reference seen from the IMU, body axes ``(3,)`` [m]; None for the antenna.
 
     A reference with attitude is an inertial solution, at its IMU. Positions alone belong to a receiver antenna, assumed
-    at the drive's antenna.
+    to be the antenna of the drive.
     """
     given = vector("ref_lever_arm", inputs.get("ref_lever_arm"))
     if given is not None:
@@ -137,7 +137,7 @@ def read_start(path: Path) -> Start:
     except (OSError, ValueError, RecursionError) as error:
         raise InputError("input.unreadable_start", where=str(path), reason=str(error)) from error
     values: dict[str, FloatArray] = {}
-    wrong = []
+    invalid = []
     for key, length in _START_KEYS.items():
         try:
             value = np.asarray(content[key], dtype=float)
@@ -145,23 +145,23 @@ def read_start(path: Path) -> Start:
             value = np.array(np.nan)
         good = value.shape == ((length,) if length else ()) and np.isfinite(value).all()
         if not good or (key.startswith("sd_") and not (value > 0).all()):
-            wrong.append(key)
+            invalid.append(key)
         values[key] = value
-    if wrong:
-        raise InputError("input.incomplete_start", where=f"{path}: {', '.join(wrong)}")
+    if invalid:
+        raise InputError("input.incomplete_start", where=f"{path}: {', '.join(invalid)}")
     time, lat, lon, height, v_n, rph, place_sd, velocity_sd, attitude_sd = values.values()
     place = np.array([lat * DEG, lon * DEG, height])
     return Start(float(time), place, v_n, rph * DEG, place_sd, velocity_sd, attitude_sd * DEG)
 
 
 def given_model(recording: Recording) -> Model:
-    """Build the initial model of the inputs."""
+    """Build the model before the first step, from the inputs."""
     inputs = recording.inputs
     return Model(given_receiver(inputs, fixes=recording.gps is not None), given_imu(inputs.get("imu_model")))
 
 
 def given_receiver(inputs: Inputs, *, fixes: bool = True) -> Receiver:
-    """Return the receiver of the inputs; the filter estimates lever arm and delay unless specified, if it has fixes."""
+    """Build the receiver from the inputs. With `fixes`, the filter estimates an unspecified lever arm or delay."""
     lever_b, sd, delay = (
         vector("lever_arm", inputs.get("lever_arm")),
         inputs.get("lever_arm_sd"),
@@ -178,7 +178,7 @@ def given_receiver(inputs: Inputs, *, fixes: bool = True) -> Receiver:
 def given_imu(model: object) -> tuple[ImuSpec, Finding] | None:
     """Return the specified IMU model and its source; None if the data choose it.
 
-    Missing figures of a real part come from its class: a filter would take zero as certain.
+    Parameters missing in a datasheet are completed from the grade of the IMU: the filter would take zeros as exact.
     """
     if model is None:
         return None
@@ -195,7 +195,7 @@ def given_imu(model: object) -> tuple[ImuSpec, Finding] | None:
 
 
 def better_kinds(inputs: Inputs, chosen: ImuSpec) -> tuple[ImuSpec, ...]:
-    """Return the better grades that an unspecified IMU may have; a poorer grade's noise would absorb faults."""
+    """Return the grades better than `chosen`, which an unspecified IMU may have. Poorer grades would absorb faults."""
     if inputs.get("imu_model") is not None:
         return ()
     return tuple(map(load_imu, PRESETS[PRESETS.index(chosen.name) + 1 :]))
@@ -206,8 +206,7 @@ def set_up_filter(
 ) -> Aligned:
     """Align a recording and set the filter up.
 
-    `clock`, `rate`: shift of the sample times at the start [s], and its rate [s/s].
-    `heading`: at the start [rad].
+    `clock`, `rate`: shift of the sample times at the start [s], and its rate [s/s]. `heading`: at the start [rad].
     """
     inputs, imu = recording.inputs, recording.imu.data
     assert recording.fixes is not None
@@ -218,7 +217,7 @@ def set_up_filter(
     def moved(time: Any) -> Any:
         return time + clock + rate * (time - begin)
 
-    ready, found = prepare(
+    ready, findings = prepare(
         replace(imu, time=spill.by_blocks(moved, imu.time)),
         recording.fixes,
         model.imu[0],
@@ -236,7 +235,7 @@ def set_up_filter(
         ready = ready.hold_height(height_sd)
     logs = tuple(replace(log.data, time=moved(log.data.time)) for log in recording.logs.values())
     ready = replace(ready, aiding=replace(ready.aiding, logs=logs))
-    return Aligned(ready, found, clock + 0.5 * rate * (end - begin), rate)
+    return Aligned(ready, findings, clock + 0.5 * rate * (end - begin), rate)
 
 
 def stationary_part(imu: ImuData, fixes: GpsData | None, inputs: Inputs) -> tuple[float, float] | None:
@@ -252,9 +251,9 @@ WORDS = {"F": "forward", "B": "back", "R": "right", "L": "left", "D": "down", "U
 
 def refuse_unlike_gyros(imu: Reading[ImuData], fixes: GpsData) -> None:
     """Refuse gyros in another order than the accelerometers, or one gyro in another unit."""
-    found = mounting_of(imu, fixes)
-    if found is not None and not np.array_equal(np.abs(found.gyros), AS_IS):
-        raise refusal(found, imu.facts)
+    mounting = mounting_of(imu, fixes)
+    if mounting is not None and not np.array_equal(np.abs(mounting.gyros), AS_IS):
+        raise refusal(mounting, imu.facts)
 
 
 def accel_reversed(imu: Reading[ImuData], fixes: GpsData, mounting: Mounting | None) -> Finding | None:
@@ -275,7 +274,7 @@ def accel_reversed(imu: Reading[ImuData], fixes: GpsData, mounting: Mounting | N
 def refuse_exchanged(
     imu: Reading[ImuData], gps: Reading[GpsData] | None, fixes: GpsData, mounting: Mounting | None
 ) -> None:
-    """Refuse latitudes and longitudes whose track is a mirror image: exchanged, it fits better than by `mounting`."""
+    """Refuse exchanged latitudes and longitudes: the corrected track fits the samples better than `mounting` does."""
     right, lla = _headers({"lat": "lon", "lon": "lat"}, gps.facts if gps is not None else None), fixes.lla[:, [1, 0, 2]]
     if gps is None or not right or np.abs(lla[:, 0]).max() >= 0.5 * np.pi:
         return
@@ -287,12 +286,12 @@ def refuse_exchanged(
 
 
 def mounting_of(imu: Reading[ImuData], fixes: GpsData) -> Mounting | None:
-    """Estimate the mounting, possibly impossible axes, from the first half an hour."""
+    """Estimate the mounting from the first half hour. Its axes may be left-handed, if the columns are wrong."""
     return find_mounting(intervals(imu.data.beginning(LONGEST)), fixes)
 
 
 def refusal(mounting: Mounting, facts: ReadingFacts) -> InputError:
-    """Build the error for axes that no rotation maps to the vehicle, or for gyros of other columns."""
+    """Build the error for left-handed axes, or for gyros in a wrong unit, sign or order."""
     where, windows = facts.path, mounting.windows
     sizes = np.abs(mounting.gyros).sum(axis=0)
     if (sizes != 1.0).any():
@@ -304,31 +303,31 @@ def refusal(mounting: Mounting, facts: ReadingFacts) -> InputError:
         return InputError("mounting.gyro_unit_odd", where=where, windows=windows, **values)
     accel, gyro = mounting.corrections
     points = tuple(WORDS[letter] for letter in mounting.letters)
-    wrong, as_is = tuple("xyz"[axis] for axis in range(3) if accel[axis, axis] < 0.0), np.array_equal(gyro, np.eye(3))
+    axes, as_is = tuple("xyz"[axis] for axis in range(3) if accel[axis, axis] < 0.0), np.array_equal(gyro, np.eye(3))
     if np.array_equal(accel, np.eye(3)):
-        wrong = tuple("xyz"[axis] for axis in range(3) if gyro[axis, axis] < 0.0)
+        axes = tuple("xyz"[axis] for axis in range(3) if gyro[axis, axis] < 0.0)
         if np.count_nonzero(np.diag(gyro)) == 3:
-            return InputError("mounting.gyros_wrong_way", where=where, axes=wrong, windows=windows)
+            return InputError("mounting.gyros_wrong_way", where=where, axes=axes, windows=windows)
         return InputError("mounting.gyro_order", where=where, windows=windows, **_in_order("gyro", gyro, facts))
-    if as_is and len(wrong) == 3:
+    if as_is and len(axes) == 3:
         gives = {"accel_sign": "minus-force"}
         return InputError("mounting.accelerometers_inverted", where=where, gives=gives, windows=windows)
     if as_is and np.count_nonzero(np.diag(accel)) == 3:
-        return InputError("mounting.accelerometer_inverted", where=where, axis=wrong[0], points=points, windows=windows)
+        return InputError("mounting.accelerometer_inverted", where=where, axis=axes[0], points=points, windows=windows)
     if as_is:
         return InputError("mounting.accel_order", where=where, windows=windows, **_in_order("accel", accel, facts))
     return InputError("mounting.left_handed", where=where, points=points, windows=windows)
 
 
 def _headers(keys: Mapping[str, str], facts: ReadingFacts | None) -> dict[str, str]:
-    """Return the headers of other keys for each key, if all are known."""
+    """Return, by key of `keys`, the file header of the column that was read as the value; empty if one is unknown."""
     columns = {} if facts is None else {name: text.split(" [")[0] for name, text in facts.columns.items()}
-    known = {key: [text for name, text in columns.items() if name.startswith(keys[key])] for key in keys}
-    return {key: texts[0] for key, texts in known.items()} if all(known.values()) else {}
+    headers = {key: [text for name, text in columns.items() if name.startswith(keys[key])] for key in keys}
+    return {key: texts[0] for key, texts in headers.items()} if all(headers.values()) else {}
 
 
 def _in_order(sensor: str, matrix: FloatArray, facts: ReadingFacts) -> dict[str, Any]:
-    """Return the right order of columns, the axes that they measure, and their names if no sign is wrong."""
+    """Return the right order of the columns, the axes that they measure, and their headers if no sign is wrong."""
     signed = matrix.sum(axis=1), matrix.sum(axis=0)
     order, about = (
         tuple(
@@ -337,6 +336,6 @@ def _in_order(sensor: str, matrix: FloatArray, facts: ReadingFacts) -> dict[str,
         for sizes, rows in zip(signed, (matrix, matrix.T), strict=True)
     )
     keys = {f"{sensor}_{axis}": f"{sensor}_{other}" for axis, other in zip("xyz", order, strict=True) if axis != other}
-    right = _headers(keys, facts)
-    hint: dict[str, Any] = {"columns": quote_columns(right), "gives": {"columns": right}} if right else {}
+    headers = _headers(keys, facts)
+    hint: dict[str, Any] = {"columns": quote_columns(headers), "gives": {"columns": headers}} if headers else {}
     return {"about": about, "order": order, "option": "--columns", "columns": "", **hint}

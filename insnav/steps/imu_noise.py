@@ -16,27 +16,27 @@ from insnav.steps.given import as_given, stationary_part
 from insnav.types import ImuData
 
 SHORTEST_REST = 5.0  # shorter intervals do not determine the noise of an IMU [s]
-DENSITY_SD = 0.18  # relative sd of a density from so short a rest; see `insnav.imu.noise_density.white_noise` [-]
-UNLIKE = 3.0  # a figure so many sd above the specified one contradicts it [-]
+DENSITY_SD = 0.18  # relative sd of a noise density from a short rest; see `insnav.imu.noise_density.white_noise` [-]
+UNLIKE = 3.0  # noise or bias this many sd above the specification contradicts it [-]
 
 
 def imu_noise(recording: Recording, model: Model) -> tuple[Recording, Model, tuple[Finding, ...]]:
-    """Choose the specification of the IMU."""
-    chosen, samples, found = model.imu, recording.imu.data, tuple[Finding, ...]()
+    """Choose the specification of the IMU, or raise a specified one if the noise at rest is larger."""
+    chosen, samples, findings = model.imu, recording.imu.data, tuple[Finding, ...]()
     if chosen is None or not as_given(recording.inputs):
         rest = stationary_part(samples, recording.fixes, recording.inputs)
         if chosen is None:
             chosen = imu_from_rest(samples, rest)
         elif rest is not None and rest[1] - rest[0] >= SHORTEST_REST:
-            spec, found = raise_given(chosen[0], samples, rest)
+            spec, findings = raise_given(chosen[0], samples, rest)
             chosen = spec, chosen[1]
-    return recording, replace(model, imu=chosen), (*chosen[1:], *found)
+    return recording, replace(model, imu=chosen), (*chosen[1:], *findings)
 
 
 def raise_given(spec: ImuSpec, imu: ImuData, rest: tuple[float, float]) -> tuple[ImuSpec, tuple[Finding, ...]]:
-    """Raise a specification that the gyros at rest contradict, and report it. `rest`: start and end [s]."""
+    """Raise a specification that the gyros at rest contradict, and report it. `rest`: stationary interval [s]."""
     gyro, accel = white_noise(imu, *rest)
-    noise, given = float(gyro.min()), float(spec.gyro.random_walk.min())  # the other axes have more of the vibration
+    noise, given = float(gyro.min()), float(spec.gyro.random_walk.min())  # axis with least vibration
     mean, rounded = mean_rate(imu, *rest)
     excess = rate_excess(mean)
     biased = excess > UNLIKE * np.hypot(spec.gyro.bias, rounded).max()
@@ -48,10 +48,7 @@ def raise_given(spec: ImuSpec, imu: ImuData, rest: tuple[float, float]) -> tuple
 
 
 def imu_from_rest(imu: ImuData, rest: tuple[float, float] | None) -> tuple[ImuSpec, Finding]:
-    """Choose an IMU model by the noise of a stationary interval, and report its source.
-
-    `rest`: its start and end [s].
-    """
+    """Choose an IMU model by the noise of a stationary interval `rest` [s], and report its source."""
     if rest is None or rest[1] - rest[0] < SHORTEST_REST:
         spec = load_imu("consumer")
         return spec, Finding.of(Code.IMU_MODEL_ASSUMED, limit_s=SHORTEST_REST, preset=spec.name)

@@ -36,7 +36,7 @@ class Input:
 
     option: str  # option name; empty without option
     metavar: str  # placeholder of the value
-    meaning: str  # for the help; in command-line units, with degrees where the library has radians
+    meaning: str  # text for the help; in command-line units, with degrees where the library has radians
     group: str  # group of the option
     kind: Kind = "text"  # conversion of the text to a value
     unit: str = ""  # unit on the command line and in messages
@@ -47,7 +47,7 @@ class Input:
 
     @property
     def size(self) -> float:
-        """Size of its unit in SI."""
+        """Factor from `unit` to the SI unit."""
         return UNITS[self.unit][1] if self.unit else 1.0
 
 
@@ -67,10 +67,10 @@ class SampleInputs(TypedDict, total=False):
 class Inputs(SampleInputs, total=False):
     """Inputs of a recording, see `INPUTS`; None means absent.
 
-    SI and radians. Lever arms are forward, right, down. ``rate`` is for arrays without times. ``ref_sd``: of positions
-    [m], or of positions and velocities [m], [m/s]. ``logs``: further sensors by name: ``{"speedometer": "speed.csv",
-    "magnetometer": "imu.csv"}``. ``faults``: rates and sizes by kind, or their file: ``{"offset": {"rate": "0.2 1/h",
-    "size": "30 m"}}``.
+    Values are in SI units and radians. Lever arms are forward, right, down. ``rate``: sampling rate of arrays without
+    times. ``ref_sd``: of positions [m], or of positions and velocities [m], [m/s]. ``logs``: further sensors by name:
+    ``{"speedometer": "speed.csv", "magnetometer": "imu.csv"}``. ``faults``: rates and sizes of faults by kind, or a
+    file of them: ``{"offset": {"rate": "0.2 1/h", "size": "30 m"}}``.
     """
 
     imu_model: str | Path | ImuSpec | None

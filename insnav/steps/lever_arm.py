@@ -1,4 +1,4 @@
-"""Step 9: compare the specified lever arm with the estimate of the drive, its faults and noise known."""
+"""Step 9: compare the specified lever arm with an estimate from the drive, after faults and noise are known."""
 
 from __future__ import annotations
 
@@ -12,37 +12,37 @@ from insnav.findings import Code, Finding, added
 from insnav.steps import PREPARE, Model, Recording, run_steps
 from insnav.steps.given import as_given
 
-MARGIN = 3.0  # additional margin in sd: noise identified with a wrong arm is too large
+MARGIN = 3.0  # added to the detectable error, in sd: noise estimated with a wrong arm is too large [-]
 
 
 def lever_arm(recording: Recording, model: Model) -> tuple[Recording, Model, tuple[Finding, ...]]:
     """Keep the specified lever arm, or set the filter up without it if the drive contradicts it."""
-    receiver, arm, other = model.receiver, model.receiver.lever_arm, model
+    receiver, arm, alternative = model.receiver, model.receiver.lever_arm, model
     assert model.ready is not None
     if arm.source != "given" or arm.sd or as_given(recording.inputs):
         return recording, model, ()
-    if tested := model.ready.receiver.lever_arm.sd > 0.0:  # the alignment has found another, before faults were known
-        _, off, limit = lever_off(model.ready, arm.value)
-        if (off > limit).any():
+    if rejected := model.ready.receiver.lever_arm.sd > 0.0:  # the alignment, without known faults, rejected the arm
+        _, difference, limit = lever_off(model.ready, arm.value)
+        if (difference > limit).any():
             return recording, model, ()
         given_arm = replace(model, receiver=replace(receiver, lever_arm=replace(arm, source="data")), ready=None)
         model = replace(run_steps(PREPARE, recording, given_arm)[1], receiver=receiver)
     given = model.ready
     assert given is not None
-    run, off, limit = lever_off(given, arm.value)
-    if not (off > limit).any():
+    run, difference, limit = lever_off(given, arm.value)
+    if not (difference > limit).any():
         checked = Finding.of(Code.ESTIMATE_LEVER_ARM_CHECKED, detectable_m=tuple(limit + MARGIN * run.lever_sd))
         return recording, model, (checked,)
-    if not tested:
+    if not rejected:
         unknown = replace(model, receiver=receiver.forget_lever_arm(), ready=None)
-        other = run_steps(PREPARE, recording, unknown)[1]
-    assert other.ready is not None
+        alternative = run_steps(PREPARE, recording, unknown)[1]
+    assert alternative.ready is not None
     if pretended(given, run) > PRETENDED:
-        run = looked(other.ready)  # noise identified with a wrong arm includes its error
-        hidden = min(pretended(other.ready, run), 1.0) * np.abs(arm.value)
+        run = looked(alternative.ready)  # with the other noise: a wrong arm makes the noise too large
+        hidden = min(pretended(alternative.ready, run), 1.0) * np.abs(arm.value)
         if not (np.abs(run.lever_b - arm.value) > limit + hidden).any():
-            values: dict[str, Any] = {"difference_m": off.max(), "limit_m": limit.max()}
+            values: dict[str, Any] = {"difference_m": difference.max(), "limit_m": limit.max()}
             values |= {"given_m": tuple(arm.value), "estimate_m": tuple(run.lever_b)}
             kept = Finding.of(Code.GIVEN_LEVER_ARM_KEPT, given.initial.time, **values)
             return recording, model, (kept,)
-    return recording, replace(other, receiver=receiver), added(model.findings, other.findings)
+    return recording, replace(alternative, receiver=receiver), added(model.findings, alternative.findings)

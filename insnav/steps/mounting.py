@@ -25,24 +25,23 @@ from insnav.steps.inputs import Inputs
 from insnav.types import FloatArray, GpsData, ImuData, Source
 from insnav.units import DEG
 
-TURNED = 10.0 * DEG  # a smaller yaw may be slip and wind [rad]
+TURNED = 10.0 * DEG  # a smaller yaw of the IMU may be an effect of side slip or wind [rad]
 UPRIGHT, INVERTED = "FRD", "FLU"
-QUARTERS, QUARTER = (UPRIGHT, "RBD", "BLD", "LFD"), 0.5 * np.pi  # x forward, then rotated to the right
+QUARTERS, QUARTER = (UPRIGHT, "RBD", "BLD", "LFD"), 0.5 * np.pi  # IMU axes: x forward, right, back or left
 SLANTED = 20.0 * DEG  # beyond this angle from all vehicle axes, the IMU is not aligned with any of them
-# cosine limits between IMU and vehicle axes: for specified axes, and for upright
+# cosine of the angle between z of the IMU and down: smaller if the IMU leans, and if it lies on its side
 LEANING, ON_ITS_SIDE = 0.9, 0.5
-CLEAR = 4.0 * DEG  # yaw sd below which such an IMU has significant angles: flights had 5 and 8
-POINTED = 0.9  # length of the mean travel direction of a vehicle that moves forward [-]
+CLEAR = 4.0 * DEG  # largest yaw sd for reporting the angles of a leaning IMU: two flights had 5 and 8 deg
+POINTED = 0.9  # least length of the mean direction vector of a vehicle that moves along one axis [-]
 LIKELY = 2.0  # largest mean normalised squared innovation for correct axes: ideally 1 [-]
-LIKELIER = 30.0  # least gain of twice the log-likelihood of other axes over x forward
-X_FORWARD = Finding.of(Code.MOUNTING_ASSUMED, subject="imu")
+LIKELIER = 30.0  # other axes must increase twice the log-likelihood by more than this [-]
+X_FORWARD = Finding.of(Code.MOUNTING_ASSUMED, subject="imu")  # x is assumed to point forward
 
 
 def mounting(recording: Recording, model: Model) -> tuple[Recording, Model, tuple[Finding, ...]]:
     """Rotate the samples into vehicle axes, unless axes were specified.
 
-    Raises: InputError: the axes are left-handed, the gyros have wrong signs or order, or z points up and the vehicle
-    does not move.
+    Raises: InputError: axes are left-handed, gyros have wrong signs or order, or z is up and the vehicle is stationary.
     """
     inputs, fixes = recording.inputs, recording.fixes
     if as_given(inputs):
@@ -51,16 +50,16 @@ def mounting(recording: Recording, model: Model) -> tuple[Recording, Model, tupl
     imu, yaw, findings = turn_to_vehicle(recording.imu, recording.fixes_by_scatter or fixes, inputs, recording.gps)
     recording, unknown = replace(recording, imu=imu), findings[-1:] == (X_FORWARD,)
     if unknown and fixes is not None and inputs.get("heading") is None and inputs.get("initial") is None:
-        imu, yaw, found = in_likely_axes(recording, model)
-        findings = (*findings[:-1], found) if imu is recording.imu else (found,)
-        recording, unknown = replace(recording, imu=imu), found is X_FORWARD
+        imu, yaw, finding = in_likely_axes(recording, model)
+        findings = (*findings[:-1], finding) if imu is recording.imu else (finding,)
+        recording, unknown = replace(recording, imu=imu), finding is X_FORWARD
     source: Source = "prior" if unknown else "data" if findings else "given"
     recording, headings = with_headings_turned(recording)
     return recording, replace(model, mounting_yaw=Estimate(yaw, 0.0, source)), (*findings, *headings)
 
 
 def with_headings_turned(recording: Recording) -> tuple[Recording, tuple[Finding, ...]]:
-    """Return receiver headings clockwise from north along the vehicle, and their original convention."""
+    """Convert receiver headings to clockwise from north along the vehicle, and report the convention as read."""
     fixes, data = recording.fixes, recording.imu.data.beginning(LONGEST)
     if fixes is None or fixes.heading is None:
         return recording, ()
@@ -73,8 +72,8 @@ def with_headings_turned(recording: Recording) -> tuple[Recording, tuple[Finding
         return recording, ()
     heading = (sense * fixes.heading - offset) % (2.0 * np.pi)
     code = Code.GPS_HEADING_COUNTER_CLOCKWISE if sense < 0.0 else Code.GPS_HEADING_OFFSET
-    found = Finding.of(code, subject="gps", offset_rad=offset, count=count)
-    return replace(recording, fixes=replace(fixes, heading=heading)), (found,)
+    finding = Finding.of(code, subject="gps", offset_rad=offset, count=count)
+    return replace(recording, fixes=replace(fixes, heading=heading)), (finding,)
 
 
 def turn_to_vehicle(
@@ -83,19 +82,19 @@ def turn_to_vehicle(
     """Rotate samples into vehicle axes if none were specified; return the yaw of the IMU [rad], and findings."""
     if fixes is None:
         return imu, 0.0, ()
-    data, found = imu.data, mounting_of(imu, fixes)
-    reverse = accel_reversed(imu, fixes, found)
-    if reverse is not None or (found is not None and not found.right_handed):
-        refuse_exchanged(imu, gps, fixes, found)
+    data, estimate = imu.data, mounting_of(imu, fixes)
+    reverse = accel_reversed(imu, fixes, estimate)
+    if reverse is not None or (estimate is not None and not estimate.right_handed):
+        refuse_exchanged(imu, gps, fixes, estimate)
     if inputs.get("accel_sign") is None and reverse is not None:
         turned = replace(data, accel=spill.by_blocks(np.negative, data.accel))
-        imu, yaw, more = turn_to_vehicle(replace(imu, data=turned), fixes, {**inputs, "accel_sign": "minus-force"})
-        return imu, yaw, (reverse, *more)
-    given = inputs.get("axes")
-    if found is None:
-        from_file = bool(imu.facts.columns)  # its axes are unknown
-        moves = given is None and sure_motion(fixes, float(data.time[0]))[1] is not None
-        if given is None and from_file and imu.facts.axes == UPRIGHT:
+        imu, yaw, findings = turn_to_vehicle(replace(imu, data=turned), fixes, {**inputs, "accel_sign": "minus-force"})
+        return imu, yaw, (reverse, *findings)
+    specified = inputs.get("axes")
+    if estimate is None:
+        from_file = bool(imu.facts.columns)  # samples from a file, whose axes are unknown
+        moves = specified is None and sure_motion(fixes, float(data.time[0]))[1] is not None
+        if specified is None and from_file and imu.facts.axes == UPRIGHT:
             scale = 1.0 / float(np.median(np.diff(data.time))) if data.sampling == "increment" else 1.0
             quiet = quiet_part(data.gyro, data.accel, interval=1.0 / imu.facts.rate_hz, scale=scale)
             try:
@@ -106,67 +105,67 @@ def turn_to_vehicle(
                 imu, note = _turned(imu, axes_matrix(INVERTED), INVERTED, Code.MOUNTING_UPSIDE_DOWN)
                 return imu, 0.0, (note, X_FORWARD)
         return imu, 0.0, (X_FORWARD,) * moves
-    as_read = axes_matrix(given or imu.facts.axes or UPRIGHT)
-    if not found.right_handed:
-        raise refusal(found.of_columns(axes_matrix(letters_of(as_read))), imu.facts)
-    matrix, notes, windows = found.to_vehicle, [], found.windows
-    letters, turn = letters_of(matrix @ as_read), axes_matrix(found.letters)
-    # far from all vehicle axes, and wind and banks add to that: keep the original axes unless on its side
-    elsewhere = found.letters != UPRIGHT and given is None
-    slanted = elsewhere and (matrix @ turn.T)[2, 2] < LEANING and matrix[2, 2] > ON_ITS_SIDE
-    if elsewhere and not slanted:
+    as_read = axes_matrix(specified or imu.facts.axes or UPRIGHT)
+    if not estimate.right_handed:
+        raise refusal(estimate.of_columns(axes_matrix(letters_of(as_read))), imu.facts)
+    matrix, notes, windows = estimate.to_vehicle, [], estimate.windows
+    letters, turn = letters_of(matrix @ as_read), axes_matrix(estimate.letters)
+    # wind and banked turns tilt the estimate, too: a leaning IMU keeps its axes unless it lies on its side
+    other_axes = estimate.letters != UPRIGHT and specified is None
+    slanted = other_axes and (matrix @ turn.T)[2, 2] < LEANING and matrix[2, 2] > ON_ITS_SIDE
+    if other_axes and not slanted:
         matrix, as_read = matrix @ turn.T, turn @ as_read
         imu, note = _turned(imu, turn, letters, Code.MOUNTING_ALONG_AXES, windows=windows)
         notes.append(note)
-    left = replace(found, to_vehicle=matrix)
-    yaw = float(left.angles[2])
-    if given is not None and left.letters != UPRIGHT:
-        values = {"yaw_rad": yaw, "windows": windows, "given": given, **_named(letters)}
-        wrong = Finding.of(Code.MOUNTING_CONTRADICTS_GIVEN, float(data.time[0]), subject="imu", **values)
-        imu = replace(imu, events=(*imu.events, wrong))
-    elif slanted or abs(yaw) > max(TURNED, 4.0 * found.sd):
-        whole = replace(found, to_vehicle=matrix @ as_read).angles / DEG
-        axes = ",".join(f"{angle + 0.0:.1f}" for angle in whole) * (not slanted or found.sd < CLEAR)
+    remaining = replace(estimate, to_vehicle=matrix)
+    yaw = float(remaining.angles[2])
+    if specified is not None and remaining.letters != UPRIGHT:
+        values = {"yaw_rad": yaw, "windows": windows, "given": specified, **_named(letters)}
+        contradiction = Finding.of(Code.MOUNTING_CONTRADICTS_GIVEN, float(data.time[0]), subject="imu", **values)
+        imu = replace(imu, events=(*imu.events, contradiction))
+    elif slanted or abs(yaw) > max(TURNED, 4.0 * estimate.sd):
+        angles = replace(estimate, to_vehicle=matrix @ as_read).angles / DEG
+        axes = ",".join(f"{angle + 0.0:.1f}" for angle in angles) * (not slanted or estimate.sd < CLEAR)
         code = Code.MOUNTING_TILTED if slanted else Code.MOUNTING_YAW
-        notes.append(Finding.of(code, subject="imu", yaw_rad=yaw, sd_rad=found.sd, windows=windows, axes=axes))
+        notes.append(Finding.of(code, subject="imu", yaw_rad=yaw, sd_rad=estimate.sd, windows=windows, axes=axes))
     else:
         yaw = 0.0
     return imu, yaw, tuple(notes)
 
 
 def in_likely_axes(recording: Recording, model: Model) -> tuple[Reading[ImuData], float, Finding]:
-    """Choose x forward, backward, right or left by the fixes, if accelerations do not determine the mounting.
+    """Choose x forward, back, right or left by the likelihood of the fixes, if accelerations do not show the mounting.
 
-    Slow vehicles turn but hardly accelerate: wrong x axes give a heading wrong by quarter turns. `X_FORWARD` if no
-    other axes make the fixes more likely, unless all likely ones end with the same heading, away from the direction of
-    travel. A vehicle that does not move forward, such as a drone, keeps its axes and starts with the most likely
-    heading.
+    Slow vehicles turn but hardly accelerate, so a wrong x axis gives a heading wrong by quarter turns. The result
+    is `X_FORWARD` if no other axes are more likely. An exception is a vehicle that, with all likely axes, travels along
+    one and the same IMU direction other than x. A vehicle that does not travel along one axis, such as a drone, keeps
+    its axes and starts with the most likely heading.
     """
     imu = recording.imu
-    seen, begin = dict[str, Filtered](), imu.data.beginning(LONGEST)
+    runs, first_part = dict[str, Filtered](), imu.data.beginning(LONGEST)
     for letters in QUARTERS:
-        with suppress(AlignmentError, InputError):  # the unchanged drive reports this error
-            data = _in_axes(begin, axes_matrix(letters))
-            seen[letters] = filtered(set_up_filter(replace(recording, imu=replace(imu, data=data)), model).ready)
-    best = min(seen, key=lambda each: seen[each].misfit, default=UPRIGHT)
-    # none if all of them diverge, or are unlikely
-    if UPRIGHT not in seen or seen[best].epochs is None or seen[best].squares >= LIKELY:
+        with suppress(AlignmentError, InputError):  # a later step reports errors of the axes as read
+            data = _in_axes(first_part, axes_matrix(letters))
+            runs[letters] = filtered(set_up_filter(replace(recording, imu=replace(imu, data=data)), model).ready)
+    best = min(runs, key=lambda each: runs[each].misfit, default=UPRIGHT)
+    # keep x forward if its run failed, the best run diverged, or the best axes are unlikely
+    if UPRIGHT not in runs or runs[best].epochs is None or runs[best].squares >= LIKELY:
         return imu, 0.0, X_FORWARD
-    fixes = seen[UPRIGHT].ready.gps.time.size
-    most = seen[best].misfit + LIKELIER / fixes
-    travels = {each: _travel(seen[each], QUARTERS.index(each)) for each in seen if seen[each].misfit <= most}
-    yaw, share = travels[best]
-    # equivalent if the heading has converged to x; otherwise x forward is as likely as the others
-    alike = max(abs(wrap_pi(other - yaw)) for other, _ in travels.values()) < SLANTED
-    if UPRIGHT in travels and not (alike and min(share for _, share in travels.values()) > POINTED):
+    fixes = runs[UPRIGHT].ready.gps.time.size
+    limit = runs[best].misfit + LIKELIER / fixes
+    travel_by_axes = {each: _travel(runs[each], QUARTERS.index(each)) for each in runs if runs[each].misfit <= limit}
+    yaw, share = travel_by_axes[best]
+    # if x forward is likely, too, replace it only if all likely axes agree on the yaw to the direction of travel
+    agree = max(abs(wrap_pi(other - yaw)) for other, _ in travel_by_axes.values()) < SLANTED
+    if UPRIGHT in travel_by_axes and not (agree and min(share for _, share in travel_by_axes.values()) > POINTED):
         return imu, 0.0, X_FORWARD
     if share < POINTED:
         note = Finding.of(Code.MOUNTING_TRAVEL_VARIES, subject="imu", share=share, limit_share=POINTED)
         return imu, QUARTERS.index(best) * QUARTER, note
-    nearest, by_course = round(yaw / QUARTER), UPRIGHT in travels
+    nearest, by_course = round(yaw / QUARTER), UPRIGHT in travel_by_axes
     gain = dict[str, Any]()
     if not by_course:
-        gain = {"gain": fixes * (seen[UPRIGHT].misfit - seen[best].misfit), "limit_gain": LIKELIER}
+        gain = {"gain": fixes * (runs[UPRIGHT].misfit - runs[best].misfit), "limit_gain": LIKELIER}
     if abs(yaw - nearest * QUARTER) > SLANTED:
         code = Code.MOUNTING_YAW_COURSE if by_course else Code.MOUNTING_YAW_FIXES
         return imu, yaw, Finding.of(code, subject="imu", yaw_rad=yaw, **gain)
@@ -182,12 +181,12 @@ def in_likely_axes(recording: Recording, model: Model) -> tuple[Reading[ImuData]
 def _travel(found: Filtered, quarter: int) -> tuple[float, float]:
     """Compute the IMU yaw against the direction of travel [rad], and the share of travel along it [-].
 
-    The axis allows reverse travel, as of a forklift: the mean of doubled angles (Mardia and Jupp, "Directional
+    The mean of doubled angles gives the axis of travel, also if the vehicle reverses (Mardia and Jupp, "Directional
     statistics", 2000, section 1.1). Forward is the direction of most travel.
     """
     if found.epochs is None:
         return 0.0, 0.0
-    settled = found.epochs[found.epochs.shape[0] // 2 :, STATE : STATE + 10]  # a wrong initial heading has converged
+    settled = found.epochs[found.epochs.shape[0] // 2 :, STATE : STATE + 10]  # second half: the heading has converged
     along = settled[:, 3] - 1j * settled[:, 4]
     ahead = np.exp(1j * rph_from_quat(settled[:, 6:])[:, 2]) * along * np.abs(along)
     size = np.maximum(np.abs(ahead), 1e-12)
@@ -208,7 +207,7 @@ def _turned(
 
 
 def _named(letters: str) -> dict[str, Any]:
-    """Return axes for --imu-axes, and the direction of each of x, y, z."""
+    """Return the axes as for --imu-axes, and the vehicle direction of x, y and z in words."""
     return {"axes": letters, **{axis: WORDS[letter] for axis, letter in zip("xyz", letters, strict=True)}}
 
 

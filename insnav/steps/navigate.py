@@ -1,4 +1,4 @@
-"""Step 10: run the filter over the drive, with available aiding, and the smoother."""
+"""Step 10: run the filter, with available aiding, and the smoother over the drive."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from insnav.steps import Model, Recording
 
 
 def navigate(recording: Recording, model: Model) -> tuple[Recording, Model, tuple[Finding, ...]]:
-    """Navigate the drive.
+    """Run filter and smoother over the aligned recording.
 
     Raises: DivergenceError: the filter lost consistency.
     """
@@ -21,12 +21,12 @@ def navigate(recording: Recording, model: Model) -> tuple[Recording, Model, tupl
     assert model.imu is not None
     task, explanation = model.task, model.explanation
     ready = replace(with_rest(model.ready, model.noise, model.imu[0]), output=task.output or Output())
-    spill.trim()  # arrays of the searches
+    spill.trim()  # free the memory of the searches
     widen = None if explanation is None else explanation.widen
     source = "specification" if model.noise is None else "innovations"
     solved = navigate_prepared(
         ready, model.filter_imu, aiding=task.aiding, noise_source=source, widen=widen, progress=task.progress
     )
     run = replace(solved.run, gps_delay=solved.run.gps_delay + model.clock.value)
-    whole = replace(solved, run=run).report(model.findings)
-    return recording, replace(model, ready=ready, solved=whole), added(model.findings, solved.findings)
+    navigated = replace(solved, run=run).report(model.findings)
+    return recording, replace(model, ready=ready, solved=navigated), added(model.findings, solved.findings)

@@ -16,15 +16,15 @@ from insnav.steps.given import as_given, better_kinds
 
 
 def noise(recording: Recording, model: Model) -> tuple[Recording, Model, tuple[Finding, ...]]:
-    """Estimate unspecified noise."""
+    """Estimate the noise that the user has not specified, and apply it to the filter input."""
     assert model.ready is not None
     assert model.imu is not None
     gps = model.ready.gps
-    ready, found, findings = _with_estimated_noise(recording, believe(model.ready), model.imu[0])
-    # rejected fixes stay in the record, with the standard deviations of the others
+    ready, estimate, findings = _with_estimated_noise(recording, believe(model.ready), model.imu[0])
+    # restore the fixes with faults, whose standard deviations are scaled as well
     gps = replace(ready.gps, fix=gps.fix, v_n=gps.v_n)
     ready = replace(ready, gps=gps, explained=model.ready.explained)
-    return recording, replace(model, ready=ready, noise=found), findings
+    return recording, replace(model, ready=ready, noise=estimate), findings
 
 
 def _with_estimated_noise(
@@ -33,23 +33,23 @@ def _with_estimated_noise(
     inputs, gps = recording.inputs, recording.gps
     wanted = inputs.get("noise") or ("estimate" if inputs.get("imu_model") is None else "fixes")
     if gps is None or wanted != "estimate":
-        lasting = gps is not None and wanted == "fixes"
-        claimed = gps is None or bool(np.isfinite(gps.data.position_sd).all())
-        known, findings = with_known_noise(ready, spec, lasting=lasting, sizes=not claimed)
+        estimate_correlated = gps is not None and wanted == "fixes"
+        reported = gps is None or bool(np.isfinite(gps.data.position_sd).all())
+        prepared, findings = with_known_noise(ready, spec, lasting=estimate_correlated, sizes=not reported)
         if as_given(inputs):
             return ready, None, tuple(each for each in findings if each.timed)
-        return known, None, findings
-    found = identify_noise(ready, spec, better_kinds(inputs, spec))
-    if found is None:
+        return prepared, None, findings
+    estimate = identify_noise(ready, spec, better_kinds(inputs, spec))
+    if estimate is None:
         kept = Finding.of(Code.IMU_MODEL_KEPT, subject="imu", model=spec.name)
-        ready, usual = with_usual_noise(ready)
-        return ready, None, (kept, *usual)
-    ready, findings = with_noise(ready, found)
-    return ready, found, findings
+        ready, findings_usual = with_usual_noise(ready)
+        return ready, None, (kept, *findings_usual)
+    ready, findings = with_noise(ready, estimate)
+    return ready, estimate, findings
 
 
 def believe(ready: FilterInput) -> FilterInput:
-    """Remove the fixes that faults concern: their noise is not typical."""
+    """Invalidate fixes with faults for the noise estimate: their noise is not typical."""
     explained, gps, time = ready.explained, ready.gps, ready.fix_time
     if explained.false is None and not explained.rough:
         return ready

@@ -1,6 +1,6 @@
 """Step 2: put the samples on the clock of the fixes.
 
-Offsets explained by calendars are applied. Other offsets are estimated from the motion and refused.
+The offset between Unix time and GPS time is applied. Other offsets are estimated from the motion and refused.
 """
 
 from __future__ import annotations
@@ -25,74 +25,73 @@ from insnav.strapdown import Intervals, joined, pieces
 from insnav.types import GpsData, ImuData
 from insnav.units import DEG
 
-WORTH = 1.5  # smaller offsets are the delay that the filter estimates [s]
-SURE, FACTOR = 0.7, 1.5  # correlation of turns, and scale error, that identify units
-SIGMAS = 6.0  # significance of an offset in sd
-EXPLAINS = 0.5  # largest residual of the new unit, relative to the old one
-BOTH = 0.6  # correlation of turns and of accelerations that only one drive has: ten true offsets had 0.68 and more [-]
+WORTH = 1.5  # smaller offsets are left to the delay estimate of the filter [s]
+SURE, FACTOR = 0.7, 1.5  # least correlation, and largest remaining scale error, to identify a unit [-]
+SIGMAS = 6.0  # least significance of an offset, in sd [-]
+EXPLAINS = 0.5  # largest unexplained variance in the new unit, relative to the unit as read [-]
+BOTH = 0.6  # correlation of turns and accelerations that only one drive has: ten true offsets had 0.68 or more [-]
 
 
 def one_clock(recording: Recording, model: Model) -> tuple[Recording, Model, tuple[Finding, ...]]:
     """Put samples, and logs recorded with them, on the clock of the fixes.
 
-    Raises: InputError: no common time, a time that contradicts the motion (with the offset to specify), or no common
-    motion.
+    Raises: InputError: no common time, no common motion, or a clock offset (with the value to specify).
     """
     imu, gps, inputs = recording.imu, recording.gps, recording.inputs
     given, fixes = inputs.get("time_offset"), recording.fixes_by_scatter
     if gps is None or fixes is None:
         return recording if given is None else _moved(recording, given), model, ()
-    offset, notes = given or 0.0, []
+    offset, findings = given or 0.0, []
     if given is None and overlap(imu.data, gps.data) == 0.0:
-        known = epoch_offset(imu.data, gps.data)
-        if known is not None:
-            offset = known
-            notes.append(Finding.of(Code.CLOCK_EPOCHS, subject="imu", offset_s=offset))
+        epochs_offset = epoch_offset(imu.data, gps.data)
+        if epochs_offset is not None:
+            offset = epochs_offset
+            findings.append(Finding.of(Code.CLOCK_EPOCHS, subject="imu", offset_s=offset))
     if offset:
         recording = _moved(recording, offset)
         imu = recording.imu
-    parts = joined(pieces(imu.data))
+    intervals = joined(pieces(imu.data))
     fixes = replace(fixes, time=fixes.time - (inputs.get("gps_delay") or 0.0))
-    apart = overlap(imu.data, gps.data) == 0.0
-    if not apart:  # before the clocks: turns in a wrong unit would fit at a wrong offset
-        _check_gyro_unit(imu, parts, fixes)
+    disjoint = overlap(imu.data, gps.data) == 0.0
+    if not disjoint:  # check units first: turns in a wrong unit would fit at a wrong offset
+        _check_gyro_unit(imu, intervals, fixes)
         if given is None:
-            _check_radians(gps.facts.path, parts, fixes)
-    found = None if given is not None else clock_offset(parts, fixes, worth=WORTH)
-    # one file contains one drive, even if noise hides the common motion
-    of_one = imu.facts.path == gps.facts.path and Path(imu.facts.path).is_file()
-    if isinstance(found, Unlike) and not apart and not of_one and mounting_of(imu, fixes) is None:
-        values: dict[str, Any] = {"where": f"{imu.facts.path}, {gps.facts.path}", "overlap_s": found.overlap}
-        if found.at_rest:
+            _check_radians(gps.facts.path, intervals, fixes)
+    estimate = None if given is not None else clock_offset(intervals, fixes, worth=WORTH)
+    # samples and fixes in one file belong to one drive, even if noise hides the common motion
+    same_file = imu.facts.path == gps.facts.path and Path(imu.facts.path).is_file()
+    if isinstance(estimate, Unlike) and not disjoint and not same_file and mounting_of(imu, fixes) is None:
+        values: dict[str, Any] = {"where": f"{imu.facts.path}, {gps.facts.path}", "overlap_s": estimate.overlap}
+        if estimate.at_rest:
             raise InputError("clock.imu_at_rest", **values)
-        raise InputError("clock.two_drives", turns=found.turns, forces=found.accelerations, **values)
-    if isinstance(found, ClockOffset) and abs(found.offset) > max(WORTH, SIGMAS * found.sd):
-        if not apart:  # a wrong turn axis seems to fit at another time
+        raise InputError("clock.two_drives", turns=estimate.turns, forces=estimate.accelerations, **values)
+    if isinstance(estimate, ClockOffset) and abs(estimate.offset) > max(WORTH, SIGMAS * estimate.sd):
+        if not disjoint:  # with a wrong turn axis, another offset would seem to fit
             refuse_unlike_gyros(imu, fixes)
-        offset, parts_of_it = named_offset(offset + found.offset, found.sd)
-        turns, forces = (r if r > SHOWN else np.nan for r in (abs(found.turns), found.accelerations))
-        sure = min(abs(found.turns), found.accelerations) > BOTH
+        offset, parts_of_it = named_offset(offset + estimate.offset, estimate.sd)
+        turns, forces = (r if r > SHOWN else np.nan for r in (abs(estimate.turns), estimate.accelerations))
+        certain = min(abs(estimate.turns), estimate.accelerations) > BOTH
         raise InputError(
-            "clock.no_common_time" if apart else "clock.differ",
+            "clock.no_common_time" if disjoint else "clock.differ",
             where=f"{imu.facts.path}, {gps.facts.path}",
             gives={"time_offset": offset},
             imu_s=tuple(imu.data.time[[0, -1]]),
             gps_s=tuple(gps.data.time[[0, -1]]),
             offset_s=offset,
-            found_s=found.offset,
-            sd_s=found.sd,
-            overlap_s=found.overlap,
+            found_s=estimate.offset,
+            sd_s=estimate.sd,
+            overlap_s=estimate.overlap,
             turns=turns,
             forces=forces,
             **parts_of_it,
-            other_drive="" if sure else "--imu-time-offset",
+            other_drive="" if certain else "--imu-time-offset",
         )
     check_overlap(imu.data, gps.data)
-    return recording, model, tuple(notes)
+    return recording, model, tuple(findings)
 
 
 def _check_gyro_unit(imu: Reading[ImuData], parts: Intervals, fixes: GpsData) -> None:
-    """Refuse gyros whose turn ratio to the course equals a unit ratio: rad/s, deg/s, and mrad/s as deg/s."""
+    """Refuse gyros whose turns differ from the turns of the course by the factor of another unit."""
     scale, correlation = turn_scale(parts, fixes)
     for factor, unit in ((DEG, "deg/s"), (1.0 / DEG, "rad/s"), (1e-3 / DEG, "mrad/s")):
         if correlation > SURE and 1.0 / FACTOR < scale / factor < FACTOR:
@@ -115,7 +114,7 @@ def _check_radians(path: str, parts: Intervals, fixes: GpsData) -> None:
 
 
 def _moved(recording: Recording, offset: float) -> Recording:
-    """Shift samples, and logs on their clock, to later times."""
+    """Shift samples, and logs that overlap them, by `offset` [s]."""
     imu = recording.imu
     first, last = float(imu.data.time[0]), float(imu.data.time[-1])
     logs = {

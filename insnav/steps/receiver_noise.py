@@ -13,11 +13,11 @@ from insnav.input.interpret.velocities import fit_velocities, scales
 from insnav.steps import Model, Recording
 from insnav.types import GpsData, Trajectory
 
-BENCH_SD = (0.01, 0.005)  # accuracy of a fixed place [m], [m/s]
+BENCH_SD = (0.01, 0.005)  # sd of position [m] and velocity [m/s] of a stationary bench
 
 
 def receiver_noise(recording: Recording, model: Model) -> tuple[Recording, Model, tuple[Finding, ...]]:
-    """Complete the fixes; without GPS, a stationary reference gives the position of a bench.
+    """Give each fix a standard deviation. Without GPS, a stationary reference (test bench) serves as fixes.
 
     Raises: InputError: positions and velocities contradict each other in a known way.
     """
@@ -31,9 +31,9 @@ def receiver_noise(recording: Recording, model: Model) -> tuple[Recording, Model
     begin, end = float(recording.imu.data.time[0]), float(recording.imu.data.time[-1])
     if reference is None or not is_stationary(reference.data, begin, end):
         return recording, model, ()
-    found = Finding.of(Code.GPS_FROM_REFERENCE, subject="reference")
+    finding = Finding.of(Code.GPS_FROM_REFERENCE, subject="reference")
     fixes = stationary_fixes(reference.data.lla[0], begin, end, *BENCH_SD)
-    return replace(recording, fixes=fixes), model, (found,)
+    return replace(recording, fixes=fixes), model, (finding,)
 
 
 def with_scales_checked(gps: Reading[GpsData]) -> Reading[GpsData]:
@@ -49,7 +49,7 @@ def refuse_confused(
 ) -> None:
     """Refuse positions and velocities that contradict each other in a known way.
 
-    `velocities`: also if the velocities are wrong.
+    `velocities`: refuse wrong velocities, too, not only wrong positions.
     """
     fit = fit_velocities(read.data.time, read.data.lla, read.data.v_n)
     if fit is not None and fit.confusion and (velocities or fit.misplaced):

@@ -1,4 +1,4 @@
-"""Aiding measurements of the filter, and their noise from a first pass over the drive."""
+"""Interface of aiding measurements, and tools to calibrate them from a first pass over the drive."""
 
 from __future__ import annotations
 
@@ -17,39 +17,39 @@ from insnav.imu.specification import ImuSpec
 from insnav.types import BoolArray, FloatArray, GpsData, ImuData, SensorLog, Trajectory
 from insnav.units import DEG
 
-ENOUGH = 60.0  # time at such speeds that determines mounting angles to a tenth of a degree [s]
-# A car on a road stays within centimetres per second; tracked, floating or flying vehicles do not.
-LARGEST_RMS = 0.3  # of the velocity across the direction of travel, for a non-holonomic constraint [m/s]
-WIDEST = 45.0 * DEG  # an IMU turned farther in its vehicle was not meant to point ahead
+ENOUGH = 60.0  # time above `SLOWEST` that determines mounting angles to a tenth of a degree [s]
+# In a car on a road, this velocity is centimetres per second. Tracked, floating or flying vehicles have more.
+LARGEST_RMS = 0.3  # largest RMS lateral or vertical velocity for a non-holonomic constraint [m/s]
+WIDEST = 45.0 * DEG  # largest mounting angle: an IMU turned farther does not point ahead [rad]
 
 
 @dataclass(frozen=True, slots=True)
 class Mounting:
-    """Vehicle axes seen from the IMU."""
+    """Axes of the vehicle relative to the axes of the IMU."""
 
     # (2,) pitch and yaw of the direction of travel in the axes of the IMU, and their standard deviations [rad]
     angles: FloatArray
     sd: FloatArray
     to_vehicle: FloatArray  # (3, 3) rotation from IMU axes to vehicle axes (forward, right, down)
     lever_b: FloatArray  # (3,) point on the unsteered axle, seen from the IMU, body axes [m]
-    right: FloatArray  # (m,) cross-track velocity at the fast rows [m/s]
+    right: FloatArray  # (m,) residual velocity to the right, and down, at the rows of `FirstPass.fast` [m/s]
     down: FloatArray
 
     @property
     def rms(self) -> tuple[float, float]:
-        """Compute the RMS velocity to the right and down [m/s]."""
+        """Compute the RMS of the residual velocity to the right and down [m/s]."""
         return float(np.sqrt(np.mean(self.right**2))), float(np.sqrt(np.mean(self.down**2)))
 
     @property
     def holds(self) -> bool:
-        """Return whether the vehicle moves along one axis near the forward axis of the IMU."""
+        """Test whether the vehicle moves along one axis, near the forward axis of the IMU."""
         return max(self.rms) <= LARGEST_RMS and float(np.abs(self.angles).max()) <= WIDEST
 
 
 def mounting(v_b: FloatArray, rate: FloatArray, step: float) -> Mounting:
     """Estimate vehicle axes from velocity in IMU axes [m/s] and body rate [rad/s], (m, 3), every `step` [s].
 
-    A point on the axle, x ahead of the IMU, has the lateral velocity ``v_y + x w_z = 0``: the same fit finds x.
+    The fit also estimates x: an unsteered axle, x ahead of the IMU, has zero lateral velocity, ``v_y + x w_z = 0``.
     """
     ahead = v_b[:, 0]
     right, right_rest, right_sd = robust_fit(np.column_stack([ahead, -rate[:, 2], rate[:, 0]]), v_b[:, 1], step)
@@ -70,12 +70,12 @@ def mounting(v_b: FloatArray, rate: FloatArray, step: float) -> Mounting:
 
 @dataclass(frozen=True)
 class FirstPass:
-    """A drive and its smoothed solution, all in the time of the IMU samples."""
+    """Drive with its smoothed solution, all in the time of the IMU samples, to calibrate aiding measurements."""
 
-    solution: Trajectory  # smoothed, at several rows a second
-    imu: ImuData  # samples
-    gps: GpsData  # fixes
-    spec: ImuSpec  # IMU error specification
+    solution: Trajectory  # smoothed solution, with several rows per second
+    imu: ImuData  # samples of the IMU
+    gps: GpsData  # fixes, shifted to the time of the samples
+    spec: ImuSpec  # error specification of the IMU
     logs: Mapping[str, SensorLog] = field(default_factory=dict)  # logs of further sensors, by name
 
     @cached_property
@@ -90,11 +90,11 @@ class FirstPass:
 
     @cached_property
     def speed(self) -> Velocity:
-        """Velocity by the receiver, else by the solution: position changes are mostly noise."""
-        at = self.solution
-        if at.sd is None or gives_velocities(self.gps):
+        """Velocity measured by the receiver or, if none, of the solution, as position changes are mostly noise."""
+        solution = self.solution
+        if solution.sd is None or gives_velocities(self.gps):
             return velocity(self.gps)
-        return Velocity(at.time, at.v_n, at.sd[:, 3:5].max(axis=1))
+        return Velocity(solution.time, solution.v_n, solution.sd[:, 3:5].max(axis=1))
 
     @cached_property
     def fast(self) -> BoolArray:
@@ -103,17 +103,17 @@ class FirstPass:
 
     @cached_property
     def fast_time(self) -> float:
-        """Time spent at such speeds [s]."""
+        """Time spent at speeds above `SLOWEST` [s]."""
         return float(self.fast.sum() * self.step)
 
     @cached_property
     def mounting(self) -> Mounting | None:
-        """Mounting of the IMU in its vehicle, to the attitude accuracy; None if the drive is too short."""
+        """Mounting of the IMU in its vehicle, with the attitude sd included; None if the drive is too short."""
         if self.fast_time < ENOUGH:
             return None
-        found = mounting(self.v_b[self.fast], self._rate()[self.fast], self.step)
+        estimate = mounting(self.v_b[self.fast], self._rate()[self.fast], self.step)
         sd = self.solution.sd
-        return found if sd is None else replace(found, sd=np.hypot(found.sd, sd[self.fast, 7:].min(axis=0)))
+        return estimate if sd is None else replace(estimate, sd=np.hypot(estimate.sd, sd[self.fast, 7:].min(axis=0)))
 
     @cached_property
     def forward(self) -> FloatArray:
@@ -131,85 +131,86 @@ class FirstPass:
         return np.asarray((at[1] - at[0]) / (2.0 * half))
 
 
-NOTHING = slice(0, 0)  # rows of a measurement without data now
+NOTHING = slice(0, 0)  # filled rows of a measurement that has no data at the time
 
 
 @dataclass(frozen=True, slots=True)
 class FilterView:
-    """State of the filter as visible to a measurement."""
+    """Filter state that an aiding measurement may use."""
 
-    begin: float  # start of the interval since the last measurements, which ends now [s]
-    time: float
-    # (10,) state, see `insnav.kernels.mechanization`, after the earlier measurements of this time
+    begin: float  # start of the interval since the last aiding measurements [s]
+    time: float  # end of this interval: the present time [s]
+    # (10,) state, see `insnav.kernels.mechanization`, after the measurements so far at the present time
     x: FloatArray
     correction: FloatArray  # (12,) estimated sensor errors
-    rate: FloatArray  # (3,) body rate, corrected [rad/s]
+    rate: FloatArray  # (3,) body rate, corrected for sensor errors [rad/s]
     mean_gyro: FloatArray  # (3,) mean raw gyro output over the interval [rad/s]
-    speed: float  # horizontal speed before the first measurement of this time [m/s]
+    speed: float  # horizontal speed before the first measurement at the present time [m/s]
 
 
 class Measurement(Protocol):
-    """Kind of aiding measurement; each has its own file in this folder."""
+    """Interface of one kind of aiding measurement."""
 
-    order: ClassVar[int]  # position among the measurements of one time, lowest first
-    name: ClassVar[str]  # also the subject of its gate's rejections, and of its row in the result
+    order: ClassVar[int]  # rank among the measurements at one time, lowest first
+    name: ClassVar[str]  # name in the result, and subject of findings on rejections
     unit: ClassVar[str]
-    excluded_by: ClassVar[frozenset[str]]  # kinds at the same time that make it redundant
+    excluded_by: ClassVar[frozenset[str]]  # names of measurements that make it redundant at the same time
 
     @property
     def sd(self) -> FloatArray:
-        """Standard deviation of each component as white noise, (m,)."""
+        """Standard deviation of the white noise of each component, (m,)."""
 
     def observe(self, at: FilterView, z: FloatArray, h: FloatArray) -> slice:
-        """Fill rows of `z`, (6,), with predicted minus measured, and of `h`, (6, n), with their error-state Jacobian.
+        """Fill rows of `z` (6,) with predicted minus measured, and of `h` (6, n) with their derivatives by the states.
 
-        Returns: the filled rows; the first of them corresponds to the first of `sd`.
+        Returns: the filled rows. The first filled row has the first standard deviation of `sd`.
         """
 
     @classmethod
     def from_drive(cls, first: FirstPass) -> tuple[Self | None, Finding | None]:
         """Calibrate the measurement, and its standard deviation, from a first pass over the drive.
 
-        Returns: the measurement, or None without sensor or if the drive does not support it; and a finding.
+        Returns: the measurement, or None if the drive has no such sensor or does not support it; and a finding.
         """
 
 
-INTERVAL = 0.25  # between aiding measurements of a kind [s]
-# A residual that persists for minutes is systematic: white noise cannot represent it. Beyond this inflation the
-# measurement would have no weight.
+INTERVAL = 0.25  # time between aiding measurements of one kind [s]
+# Largest factor on a residual's RMS for its time correlation. Residuals that persist for minutes are systematic: white
+# noise cannot represent them, and with a larger factor the measurement would have no weight [-]
 LARGEST_INFLATION = 3.0
-UNCORRELATED = 0.05  # a smaller autocorrelation is chance [-]
+UNCORRELATED = 0.05  # smaller autocorrelations count as chance [-]
 
 
 def robust_fit(design: FloatArray, values: FloatArray, step: float) -> tuple[FloatArray, FloatArray, float]:
-    """Least squares with Huber's weights (P. J. Huber, Robust Statistics, 1981, chapter 7).
+    """Fit parameters by least squares with Huber's weights (P. J. Huber, Robust Statistics, 1981, chapter 7).
 
-    `design`, `values` (n,). `step`: time between rows [s].
-    Returns: `found`, `residual` (n,). `sd`: standard deviation of the first parameter, with the effective sample size
-    of time-correlated residuals.
+    `design` (n, k), `values` (n,). `step`: time between rows [s].
+    Returns: parameters (k,), residuals (n,), and the standard deviation of the first parameter. This sd uses the
+    effective sample size of time-correlated residuals.
     """
     weight = np.ones(values.shape[0])
-    found: FloatArray = np.zeros(design.shape[1])
+    parameters: FloatArray = np.zeros(design.shape[1])
     residual: FloatArray = values.copy()
     for _ in range(10):
-        found[:] = np.linalg.lstsq(design * weight[:, None], values * weight, rcond=None)[0]
-        residual[:] = values - design @ found
+        parameters[:] = np.linalg.lstsq(design * weight[:, None], values * weight, rcond=None)[0]
+        residual[:] = values - design @ parameters
         # 1.4826 median |r| is the standard deviation of a normal distribution; 1.5 of it is Huber's usual limit
         scale = 1.4826 * float(np.median(np.abs(residual))) or 1.0
         weight = np.sqrt(np.minimum(1.0, 1.5 * scale / np.maximum(np.abs(residual), 1e-12)))
     covariance = np.linalg.inv((design * weight[:, None] ** 2).T @ design) * float(np.mean((weight * residual) ** 2))
-    alike = _sum_of_correlations(residual, max(1, round(INTERVAL / step))) * max(1, round(INTERVAL / step))
-    return found, residual, float(np.sqrt(covariance[0, 0] * alike))
+    inflation = _sum_of_correlations(residual, max(1, round(INTERVAL / step))) * max(1, round(INTERVAL / step))
+    return parameters, residual, float(np.sqrt(covariance[0, 0] * inflation))
 
 
 def time_correlated_sd(residual: FloatArray, step: float) -> float:
-    """Compute the sd of noise, white every `INTERVAL`, that averages out like a residual of rows `step` [s].
+    """Compute the sd of white noise at each `INTERVAL` whose mean is as uncertain as the mean of correlated residuals.
 
-    The mean of m values has the variance ``sd^2 / m (1 + 2 sum rho_k)`` for m far beyond the correlation time.
+    `step`: time between residuals [s]. For m values over far more than the correlation time, their mean has the
+    variance ``sd^2 / m (1 + 2 sum rho_k)`` with the autocorrelations rho.
     """
     rms = float(np.sqrt(np.mean(residual**2)))
-    alike = _sum_of_correlations(residual, max(1, round(INTERVAL / step)))
-    return rms * min(LARGEST_INFLATION, float(np.sqrt(alike)))
+    inflation = _sum_of_correlations(residual, max(1, round(INTERVAL / step)))
+    return rms * min(LARGEST_INFLATION, float(np.sqrt(inflation)))
 
 
 def _sum_of_correlations(residual: FloatArray, stride: int) -> float:
@@ -225,19 +226,19 @@ def _sum_of_correlations(residual: FloatArray, stride: int) -> float:
     return total
 
 
-LEAST_CORRELATION = 0.9  # of two records of one motion; hills and corners alone give 0.5
-CLEARER = 2.0  # least ratio of unexplained parts, every other offset to the best, ...
-LEAST_UNEXPLAINED = 0.02  # ... whose unexplained part is at least this, however well two speeds agree [-]
+LEAST_CORRELATION = 0.9  # least correlation of two records of one motion; hills and corners alone give 0.5 [-]
+CLEARER = 2.0  # an offset is the best if all others leave more than this multiple unexplained [-] ...
+LEAST_UNEXPLAINED = 0.02  # ... and more than this share of the variance, however well the best speeds agree [-]
 LONGEST_GAP = 1.0  # longest interval over which a speed is interpolated [s]
 
 
 def clock_offset(time: FloatArray, speed: FloatArray, log_time: FloatArray, log_speed: FloatArray) -> float | None:
-    """Find the clock offset of a log, whatever its epoch: the shift of greatest correlation.
+    """Find the clock offset of a log: the time shift, of any size, with the greatest correlation of its speed.
 
-    On a repetitive route several shifts are similar; clocks that agree within seconds then decide.
+    On a repetitive route, several shifts are similar. Of these, only shifts of a few seconds are then accepted.
 
-    `time`, `speed` (n,): times [s] and known speed [m/s]. `log_time`, `log_speed` (m,): of the log; any unit of speed.
-    Returns: time by the log minus time [s]; None if no shift stands out.
+    `time`, `speed` (n,): times [s] and known speed [m/s]. `log_time`, `log_speed` (m,): of the log, speed in any unit.
+    Returns: time by the log minus `time` [s]; None if no shift is clearly best.
     """
     (a, known_a), (b, known_b) = _even(time, speed), _even(log_time, log_speed)
     if min(known_a.sum(), known_b.sum()) * STEP < LONG_ENOUGH:
@@ -249,26 +250,26 @@ def clock_offset(time: FloatArray, speed: FloatArray, log_time: FloatArray, log_
     best = int(np.argmax(correlation))
     if correlation[best] < LEAST_CORRELATION:
         return None
-    alike = 1.0 - correlation < max(CLEARER * (1.0 - correlation[best]), LEAST_UNEXPLAINED)
-    if np.ptp(offset[alike]) > 2.0 * APART:
-        alike &= np.abs(offset) <= APART
-        if not alike.any():
+    similar = 1.0 - correlation < max(CLEARER * (1.0 - correlation[best]), LEAST_UNEXPLAINED)
+    if np.ptp(offset[similar]) > 2.0 * APART:
+        similar &= np.abs(offset) <= APART
+        if not similar.any():
             return None
-        best = int(np.argmax(np.where(alike, correlation, -1.0)))
+        best = int(np.argmax(np.where(similar, correlation, -1.0)))
     before, peak, after = correlation[np.clip([best - 1, best, best + 1], 0, correlation.size - 1)]
     curvature = before - 2.0 * peak + after
-    between = 0.5 * (before - after) / curvature if curvature < 0.0 else 0.0  # vertex of the parabola
-    return float(offset[best] + between * STEP)
+    vertex = 0.5 * (before - after) / curvature if curvature < 0.0 else 0.0  # vertex of a parabola
+    return float(offset[best] + vertex * STEP)
 
 
 def near_values(time: FloatArray, at: FloatArray) -> BoolArray:
-    """Find where values at `time` are close enough on both sides of `at` for interpolation, (n,)."""
+    """Test for each of the times `at` whether values at `time` on both sides are near enough to interpolate, (n,)."""
     after = np.clip(np.searchsorted(time, at), 1, time.shape[0] - 1)
     inside = (at >= time[0]) & (at <= time[-1])
     return np.asarray(inside & (time[after] - time[after - 1] <= LONGEST_GAP))
 
 
 def _even(time: FloatArray, speed: FloatArray) -> tuple[FloatArray, BoolArray]:
-    """Resample speed at even times; also find where it is known."""
-    at = np.arange(time[0], time[-1], STEP)
-    return np.interp(at, time, speed), near_values(time, at)
+    """Resample a speed at intervals of `STEP`; return also where it is known."""
+    times = np.arange(time[0], time[-1], STEP)
+    return np.interp(times, time, speed), near_values(time, times)
