@@ -119,6 +119,8 @@ def test_a_lane_change_ends_in_the_lane_and_in_its_direction(tmp_path, offset):
     # the path is y(t) with y' = offset / T * PEAK * (4 x (1 - x))^4
     x = m.time / 5.0
     np.testing.assert_allclose(m.at.v_n[:, 1], offset / 5.0 * PEAK * (4 * x * (1 - x)) ** 4, atol=1e-4)
+    largest = np.abs(np.gradient(m.at.v_n[:, 1], m.time)).max()
+    assert largest == pytest.approx(3.808 / 0.4063 * abs(offset) / 5.0**2, rel=1e-3)  # as limited for a vehicle
 
 
 # ---- heights
@@ -390,17 +392,19 @@ def way(tmp_path, points=POINTS, vehicle: str = "car"):
     return load_profile(tmp_path / "way.toml")
 
 
-def test_a_way_goes_through_its_points_at_their_speeds(tmp_path):
-    m = motion(way(tmp_path))
+@pytest.mark.parametrize("first", [0.0, 10.0])
+def test_a_way_goes_through_its_points_at_their_speeds(tmp_path, first):
+    points = [(*POINTS[0][:3], first), *POINTS[1:]]
+    m = motion(way(tmp_path, points))
     scale = 6378137.0
-    for north, east, height, speed in POINTS:
+    for north, east, height, speed in points:
         lat, lon = np.radians(45.0) + north / scale, np.radians(9.0) + east / scale / np.cos(np.radians(45.0))
         off = np.hypot((m.at.lla[:, 0] - lat) * 6.37e6, (m.at.lla[:, 1] - lon) * 6.39e6 * np.cos(lat))
         nearest = int(np.argmin(off))
         assert off[nearest] < 0.2
         assert m.at.lla[nearest, 2] == pytest.approx(height, abs=0.05)
         assert m.speed[nearest] == pytest.approx(speed, abs=0.7)  # changes of acceleration are spread over 2 s
-    np.testing.assert_allclose(m.speed[[0, -1]], 0.0, atol=1e-6)
+    np.testing.assert_allclose(m.speed[[0, -1]], [first, 0.0], atol=0.02 if first else 1e-6)
     moving = m.speed > 1.0
     course = np.arctan2(m.at.v_n[moving, 1], m.at.v_n[moving, 0])
     np.testing.assert_allclose(np.cos(course - m.heading[moving]), 1.0, atol=1e-6)

@@ -262,16 +262,16 @@ def way_through(
     length = np.concatenate([[0.0], np.cumsum(0.5 * (stretch[1:] + stretch[:-1]) * np.diff(fine))])
     v = np.sqrt(square)
     arrival = np.concatenate([[0.0], np.cumsum(np.diff(length) * 2.0 / np.maximum(v[1:] + v[:-1], 1e-9))])
-    count = int(np.ceil((arrival[-1] + 2.0 * _SMOOTHING) / spacing)) + 1
+    lead = 0.0 if v[0] else _SMOOTHING  # a drive from rest begins with this time at rest [s]
+    count = int(np.ceil((arrival[-1] + lead + _SMOOTHING) / spacing)) + 1
     t: FloatArray = spacing * np.arange(count, dtype=np.float64)
     # smooth symmetrically, which preserves the total length
     half = max(1, round(0.5 * _SMOOTHING / spacing))
     x = np.arange(-half, half + 1) / (half + 1.0)
     kernel = (1.0 - x**2) ** 4
-    pace = np.interp(t - _SMOOTHING, arrival, v, left=float(v[0]), right=float(v[-1]))
+    pace = np.interp(t - lead, arrival, v, left=float(v[0]), right=float(v[-1]))
     smooth = np.convolve(np.pad(pace, half, mode="edge"), kernel / kernel.sum(), mode="valid")
     travelled = np.concatenate([[0.0], np.cumsum(0.5 * (smooth[1:] + smooth[:-1]) * spacing)])
-    travelled -= v[0] * _SMOOTHING  # the first `_SMOOTHING` seconds lie before the first waypoint
     chord_at = np.interp(travelled, length, fine)
     course = np.unwrap(np.arctan2(slope[:, 1], slope[:, 0]))
     rise = PchipInterpolator(chord, lla[:, 2])(chord_at, nu=1) / np.interp(chord_at, fine, stretch)

@@ -211,8 +211,8 @@ class LaneChange(Segment):
 
     def moves(self, state: State, vehicle: Kind) -> list[Move]:
         _moving(state, vehicle)
-        # lateral acceleration, approximately: the exact factor is 9.4, the largest slope of `bump` over its area
-        _bearable("sim.sideways_in_lane_change", 8.0 * abs(self.offset) / self.duration**2, vehicle.sideways, vehicle)
+        # lateral acceleration: 9.37 is the largest slope of `bump`, 3.808, over its area, 0.4063
+        _bearable("sim.sideways_in_lane_change", 9.37 * abs(self.offset) / self.duration**2, vehicle.sideways, vehicle)
         return [moves.lane_change(state, self.offset, self.duration)]
 
 
