@@ -21,7 +21,7 @@ from insnav.types import FloatArray, IntArray
 
 SIZES = 10.0 ** np.arange(-2.0, 4.1, 0.5)  # tested variances, relative to the square of the typical size [-]
 REACH = 150.0  # length of the longest tested episode [s]
-SETTLES = 2.0  # least length of an episode, in epochs [-]
+SETTLES = 2  # least length of an episode, in epochs [-]
 TOPS, APART = 5, 8.0  # number of tested maxima of the gain over time, and least time between them [s]
 SHORTEST = 5  # length that an interval of noise must exceed, in epochs
 NONE = np.empty((0, 2), dtype=np.int64)  # empty list of series of false fixes
@@ -45,7 +45,7 @@ def score_kind(kind: Kind, score: FloatArray, information: FloatArray, interval:
     """
     variances = kind.size**2 * SIZES
     gain = gains_of(score, information, variances) - kind.cost(variances, interval)[:, None]
-    gain[:, : int(SETTLES)] = -np.inf
+    gain[:, :SETTLES] = -np.inf
     return gain.max(axis=0), variances[gain.argmax(axis=0)]
 
 
@@ -151,7 +151,7 @@ def _pairs(
 
     @cache
     def best_from(at: int, side: int) -> tuple[int, int, float, float] | None:
-        rows = np.arange(at + int(SETTLES), min(at + reach, m)) if side > 0 else np.arange(max(at - reach, 1), at - 1)
+        rows = np.arange(at + SETTLES, min(at + reach, m)) if side > 0 else np.arange(max(at - reach, 1), at - 1)
         if rows.size == 0:
             return None
         cross = record.cross(of, columns, at, side * reach)[rows]

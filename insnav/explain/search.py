@@ -16,7 +16,7 @@ import numpy as np
 
 from insnav.explain.kinds import Kind, cost_of_end
 from insnav.explain.proposals import TOPS, Proposal, misfit_of, propose
-from insnav.explain.record import FAR, FIGURES, IMU, LEAST, TAILS, WEIGHTED, LinearRecord, Noise, Pass, Step
+from insnav.explain.record import FAR, FIGURES, IMU, LARGEST_WEIGHT, TAILS, WEIGHTED, LinearRecord, Noise, Pass, Step
 from insnav.tabular import runs_of
 from insnav.types import BoolArray, FloatArray
 
@@ -110,7 +110,7 @@ class _Searcher:
                 return fit
             if divisor > max(1.0, (fit.seen.squares / WEIGHTED).max()):
                 continue
-            weights = np.minimum((TAILS + WEIGHTED) / (TAILS + fit.seen.squares / divisor), LEAST)
+            weights = np.minimum((TAILS + WEIGHTED) / (TAILS + fit.seen.squares / divisor), LARGEST_WEIGHT)
             steps = tuple(sized(self.record, fit.seen, step) for step in fit.steps)
             noise = fit.noise.tuned(fit.seen.slope, fit.curve) if divisor == 1.0 else fit.noise
             if (steps, noise) == (fit.steps, fit.noise) and np.array_equal(weights, fit.weights):

@@ -381,9 +381,9 @@ def free_windows(
             initial = initial if smoothed is None else smoothed
         if reason is not None:
             dropped[reason] = dropped.get(reason, 0) + 1
-            continue
-        initial = uncalibrated_start(initial, ready.model) if uncalibrated else initial
-        windows.append(_navigated(part_of(free, initial, length), initial, compared, known, course))
+        else:
+            initial = uncalibrated_start(initial, ready.model) if uncalibrated else initial
+            windows.append(_navigated(part_of(free, initial, length), initial, compared, known, course))
         if progress is not None:
             progress((number + 1) / len(drive.states))
     if not windows:

@@ -23,13 +23,12 @@ from insnav.input.interpret.physics import stated_unit
 from insnav.input.interpret.schema import ALL_UNITS, GPS_SCHEMA, IMU_SCHEMA, REFERENCE_SCHEMA, Quantity, compact
 from insnav.input.interpret.velocities import Fit, fit_velocities, turns_in_radians
 from insnav.input.readers.reading import Reading
-from insnav.input.readers.rows import read_rows
+from insnav.input.readers.rows import SLOWEST, read_rows
 from insnav.types import BoolArray, FloatArray, GpsData, Trajectory
 from insnav.units import DEG
 
 Height = Literal["ellipsoidal", "msl"]
 
-_SLOWEST = 45.0  # longer time steps [s] show that the unit is not seconds
 _MAX_HEIGHT = 1e5  # limits of plausible heights [m]
 _MIN_HEIGHT = -1e4
 _FAR = 0.1 * DEG  # a fix at (0, 0) is a placeholder if all other fixes are farther away [rad]
@@ -157,7 +156,7 @@ def read_positions(
     wanted = ("time", "lat", "lon", *(() if no_height else (height_key,)))
     require(found, wanted, table, schema, hint=hint, gives=gives)
     keys = [key for key in found if key not in ("height", "height_msl") or key == height_key]
-    rows = read_rows(table, found, keys, kinds, slowest=_SLOWEST)
+    rows = read_rows(table, found, keys, kinds, slowest=SLOWEST)
     raw = rows.columns
     for key in keys[:]:
         if key != "time" and found[key].factor != 1.0:

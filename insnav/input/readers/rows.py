@@ -165,7 +165,7 @@ def _refuse_texts(forms: Mapping[str, TextValues], found: Mapping[str, Found], t
             raise InputError("input.text_column", where=table.place(0, found[key].index), **values)
 
 
-_SLOWEST = 45.0  # longer time steps [s] show that the unit is not seconds
+SLOWEST = 45.0  # longer time steps [s] show that the unit is not seconds
 
 
 def read_sensor_log(path: str | Path | Table, name: str) -> Reading[SensorLog]:
@@ -182,7 +182,7 @@ def read_sensor_log(path: str | Path | Table, name: str) -> Reading[SensorLog]:
     require(found, ("time", *wanted), table, schema)
     kinds = Kinds("rows", name, 0, 3, gaps=False)
     keys = ("time", *wanted, *(["sd"] if "sd" in found else []))
-    rows = read_rows(table, found, keys, kinds, slowest=_SLOWEST)
+    rows = read_rows(table, found, keys, kinds, slowest=SLOWEST)
     cleaned = rows.clean(~np.isfinite(rows.columns["time"]), Code.ROWS_NO_TIME)
     values = {key: cleaned.columns[key] * found[key].factor for key in keys[1:]}
     read = {found[key].quantity.name: found[key].describe(rows.time_unit if key == "time" else None) for key in keys}

@@ -445,9 +445,7 @@ def readable_heading(heading: FloatArray) -> tuple[FloatArray, bool]:
     smooth = np.degrees(np.unwrap(heading))
     if smooth.min() > -_BEYOND and smooth.max() < 360.0 + _BEYOND:
         return smooth, True
-    wrapped = np.degrees(heading) % 360.0
-    wrapped[np.flatnonzero(np.abs(np.diff(wrapped)) > 180.0)] = np.nan
-    return wrapped, False
+    return wrapped(np.degrees(heading)), False
 
 
 def _uncertainty(found: EvaluatedRun) -> tuple[Panel, ...]:
