@@ -22,7 +22,7 @@ AWAY, AWAY_SD = 50.0, 6.0  # a fix farther from a stop than this distance [m] pl
 MOST = 0.1  # a larger share of fixes away from a stop is real motion [-]
 SWUNG = 10.0  # displacement of a vehicle that has left its stop, beyond the noise of the fixes [m]
 MOVED = 3.0  # a displacement between two positions of more standard deviations proves motion
-CONSENSUS = 9  # number of fixes for a consensus
+CONSENSUS = 9  # largest number of first fixes that are compared with their median
 # Limit of the distance from the median in robust standard deviations: Student's t, 3 degrees of freedom, two-sided
 # 0.001. The median absolute deviation of nine numbers has 3 degrees of freedom (efficiency 0.37: Huber and Ronchetti,
 # "Robust Statistics", 2nd ed., 2009, section 5.1). Dropping a good fix delays the start by one fix.

@@ -298,7 +298,7 @@ def _increments_of(turn: FloatArray) -> FloatArray:
 class _Windows:
     """Windows of a drive, with the changes of GPS velocity or position in each window."""
 
-    sums: Callable[[float], tuple[FloatArray, FloatArray]]  # `_Sums.between` fixes by delay of the samples [s]
+    sums: Callable[[float], tuple[FloatArray, FloatArray]]  # `_Sums.between` fix times, by delay of the samples [s]
     shares: int  # number of intervals of `sums` between two fixes
     first: IntArray  # (w,) row of the first fix
     compared: FloatArray  # (w, m, k) coefficients of m combinations of k fixes, unaffected by steady motion

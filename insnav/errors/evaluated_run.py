@@ -182,12 +182,12 @@ class EvaluatedRun:
     smoothed_errors: TrajectoryErrors | None = None  # errors of the smoothed solution against the reference
     short_duration: tuple[ShortWindow, ...] = ()  # comparison of short-duration and full mechanization, if requested
     noise: NoiseEstimate | None = None  # noise parameters estimated from the innovations
-    reference_is_gps: bool = False  # the reference equals the aiding fixes
+    reference_is_gps: bool = False  # the reference equals the fixes
     backdrop: FloatArray | None = None  # (n, 2) latitude, longitude of lines on the map, NaN between lines [rad]
 
     @property
     def reference_offset(self) -> ReferenceOffset | None:
-        """Constant parts of the filter's errors, if the reference determines them."""
+        """Offset of the positions from the reference, if turns and epochs suffice."""
         return None if self.errors is None else reference_offset(self.errors, self.run.solution, self.run.lever_sd)
 
     @property

@@ -50,7 +50,7 @@ CODES = {
     "delay": (Code.CHANGE_DELAY, Code.CHANGE_DELAY, "delay_s"),
 }
 SIGNED = Code.CHANGE_GYRO_FAULT, Code.CHANGE_DELAY  # findings that report the sign of the size
-SUBJECTS = {"turned": "imu", "heading": "imu", "velocity": ""}  # subjects of findings; others: GPS
+SUBJECTS = {"turned": "imu", "heading": "imu", "velocity": ""}  # subject by fault family; other families: GPS
 
 
 @dataclass(frozen=True, slots=True)

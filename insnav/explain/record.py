@@ -35,7 +35,7 @@ LONGEST, SHORTEST = 1024, 256  # largest and smallest number of epochs in a part
 FAULTS = 9  # number of fault states: offset of positions, drift of this offset, offset of velocities
 TAILS = 4.0  # degrees of freedom of Student's t distribution of fix errors and of IMU noise [-]
 WEIGHTED = np.array([3.0, 3.0, NAV])  # values that share a weight: of a position, a velocity, the IMU noise of a span
-LARGEST_WEIGHT = (TAILS + WEIGHTED) / (TAILS + 0.6 * WEIGHTED)  # that of values with squares of 0.6 each [-]
+LARGEST_WEIGHT = (TAILS + WEIGHTED) / (TAILS + 0.6 * WEIGHTED)  # upper limit of a weight: squares of 0.6 each [-]
 # Prior sd of the logarithms of five noise figures, upwards and downwards. Three are factors on position sd, velocity sd
 # and IMU noise. Two are the odds of the time-correlated share of the position variance, and its correlation time.
 # Small innovations do not prove that fixes are better than stated: time-correlated errors are invisible in them. Within

@@ -55,7 +55,7 @@ DOUBTFUL = 0.03  # larger delays, and larger sds of a delay, need a further test
 WIDEST = 0.5  # largest initial sd of the delay state, for a delay that the drive hardly determines [s]
 SURE, REFINED = 4.0, 2.0  # least delay to shift the samples, in sd: alone, and with other evidence [-]
 ROUNDS = 3  # largest number of shifts of the samples
-BACK = 0.5  # undo a small shift if the next one would reverse more than this part of it [-]
+BACK = 0.5  # undo a small time shift if the next would reverse more than this part of it [-]
 LEAST_OTHER, OTHER_WORTH = 0.03, 0.45  # vibration arm minus lever arm: least tested size, least size for a state [m]
 # Instants whose mean is a lagging velocity, in lags before the fix: one, many since the previous fix, a low-pass filter
 MOMENTS = (1.0,), tuple(0.25 * np.arange(0.5, 8.0)), tuple(-1.0109 * np.log(1.0 - np.arange(0.5, 32.0) / 32.0))

@@ -279,7 +279,7 @@ def with_sd(gps: GpsData, *, scatter_alone: bool = True) -> tuple[GpsData, tuple
             Finding.of(Code.GPS_VELOCITY_SD_SCATTER, count=missing.sum(), sd_m_s=middle, floor_m_s=VELOCITY_FLOOR)
         )
     steps, repeats = zip(*map(_rounding, v_n.T), strict=True) if len(v_n) >= DISTINCT else ((0.0,), ())
-    step = np.where(steps, steps, max(steps))  # unknown for few values: use the step of the other axes
+    step = np.where(steps, steps, max(steps))  # 0 is unknown: use the largest step of the axes
     if step.any() and (velocity_sd < (least := step * np.sqrt(np.column_stack(repeats) / 12.0))).any():
         velocity_sd = np.maximum(velocity_sd, least)
         sd = max(steps) / math.sqrt(12.0)

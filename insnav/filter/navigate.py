@@ -148,7 +148,7 @@ def aided(ready: FilterInput, spec: ImuSpec, progress: Callable[[float], None] |
 
 
 def _first_pass(ready: FilterInput, progress: Callable[[float], None] | None) -> Run:
-    """Navigate with smoothing, to calibrate the aiding."""
+    """Navigate with smoothing, to calibrate the aiding measurements."""
     return _likelier(replace(ready, output=replace(ready.output, smooth=True, interval=DENSE)), progress)
 
 

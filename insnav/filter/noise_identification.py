@@ -523,7 +523,7 @@ def _with_axes(ready: FilterInput, found: Misalignment) -> tuple[FilterInput, tu
 def understated(found: NoiseEstimate | None, read: GpsData, begin: float) -> tuple[Finding, ...]:
     """Report fixes whose errors are certainly far larger than their reported standard deviations.
 
-    `read`: fixes as read from the file. `begin`: start of the navigation [s].
+    `read`: fixes as read from the file. `begin`: time of the findings [s].
     """
     if found is None or not np.isfinite(read.position_sd).all():
         return ()

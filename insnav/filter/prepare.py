@@ -127,7 +127,7 @@ def prepare(
 
 
 def align_again(ready: FilterInput, alignment: Alignment) -> FilterInput:
-    """Copy with another alignment and, at its time, the initial state by the nearest fix."""
+    """Copy with another alignment, and the initial state at the fix nearest to its time."""
     good = _without_false_start(good_fixes(replace(ready.gps, time=ready.fix_time), ready.gates))
     until = int(np.searchsorted(ready.imu.time, alignment.time + AFTER))
     parts = strapdown.intervals(ready.imu.rows(slice(until)), ready.nominal)

@@ -56,7 +56,7 @@ class Figure:
 
     @property
     def sd(self) -> FloatArray:
-        """One standard deviation or density, ``(3,)`` in SI."""
+        """`value` as one standard deviation or density, ``(3,)`` in SI."""
         return self.value * TO_SD.get(self.statistic, 1.0)
 
 

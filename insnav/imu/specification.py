@@ -51,7 +51,7 @@ class ErrorTerm:
     # signals, and only simulations include it.
     drive: Drive | None = None
     text: str = ""  # impact on navigation, in words
-    datasheet: Literal["", "often", "usual"] = ""  # how frequently datasheets state it
+    datasheet: Literal["", "often", "usual"] = ""  # how frequently datasheets state the term
     allan: str = ""  # name of its coefficient in an Allan deviation; see `insnav.lab.noise.allan`
 
     @property

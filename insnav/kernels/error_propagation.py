@@ -42,7 +42,7 @@ def _entering(f, dt, hold, given, out):  # type: ignore[no-untyped-def]
 
 @njit(cache=True)
 def sensitivities(x, f_n, dt, given, state, hold, rows, out):  # type: ignore[no-untyped-def]
-    """Propagate errors that are a constant times a known disturbance.
+    """Propagate the errors that a constant times a known disturbance causes.
 
     `x` (m, 10): navigation state in the middle of each step. `f_n` (m, 3): mean specific force in n [m/s^2]. `dt` (m,):
     steps [s]. `given` (m, s, 9): disturbance of each of s sources, integrated over the step: attitude [rad], velocity

@@ -239,7 +239,7 @@ class CalibrationSd:
     gyro_matrix: FloatArray = field(default_factory=zero_matrix)  # (3, 3) gyro sensitivities [-]
     accel_bias: FloatArray = field(default_factory=zeros)  # (3,) accelerometer biases [m/s^2]
     accel_matrix: FloatArray = field(default_factory=zero_matrix)  # (3, 3) accelerometer sensitivities [-]
-    g_sensitivity: FloatArray = field(default_factory=zero_matrix)  # (3, 3) of the gyros [rad/s/(m/s^2)]
+    g_sensitivity: FloatArray = field(default_factory=zero_matrix)  # (3, 3) gyro g-sensitivities [rad/s/(m/s^2)]
     # (k, k) covariance of the errors at the knots of the map of each gyro [rad^2/s^2]
     gyro_map: tuple[FloatArray | None, ...] = (None, None, None)
 

@@ -149,7 +149,7 @@ def saturated(rate: FloatArray, output: FloatArray, sd: FloatArray) -> tuple[Boo
     its slope falls below half of the median slope.
 
     `rate` (n,): about the gyro's own axis [deg/s]. `output` (n,): mean outputs. `sd` (n,): their standard deviations.
-    Returns lost (n,): True if saturated; dropped: saturated rates, with reason.
+    Returns (n,): True if saturated; and a `Dropped` for each saturated rate.
     """
     distinct, index = np.unique(rate, return_inverse=True)
     count = np.bincount(index)

@@ -67,7 +67,7 @@ class Replicas:
 
     @property
     def band(self) -> tuple[FloatArray, FloatArray]:
-        """Band with the reference variance subtracted: `low` and `high` (k, 6) [m]."""
+        """Band without the reference variance: `low`, `high` (k, 6), columns as in `rms` [m]."""
         low, high = (np.sqrt(np.maximum(each**2 - self.reference**2, 0.0)) for each in (self.low, self.high))
         return np.asarray(low), np.asarray(high)
 
