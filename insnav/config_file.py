@@ -62,10 +62,10 @@ _KINDS = {
     **dict.fromkeys(("int_type", "int_from_float"), "a whole number"),
 }
 _RELATIONS = {"gt": ">", "ge": "≥", "lt": "<", "le": "≤", "min_length": "≥", "max_length": "≤"}
-# `_NO_KEYS` matches strings and comments. `_DEEP` matches a dotted key of more than twenty parts. The memory of tomllib
+# `_NO_KEY` matches strings, comments. `_LONG_KEY` matches a dotted key of more than twenty parts. The memory of tomllib
 # for a key grows with the square of the number of its parts.
-_NO_KEYS = re.compile(r'''"""(?:\\.|[^\\])*?"""|\'{3}.*?\'{3}|"(?:\\.|[^"\\\n])*"|\'[^\'\n]*\'|#[^\n]*''', re.DOTALL)
-_DEEP = re.compile(r"(?:\.[ \t]*[\w-]+[ \t]*){20}")
+_NO_KEY = re.compile(r'''"""(?:\\.|[^\\])*?"""|\'{3}.*?\'{3}|"(?:\\.|[^"\\\n])*"|\'[^\'\n]*\'|#[^\n]*''', re.DOTALL)
+_LONG_KEY = re.compile(r"(?:\.[ \t]*[\w-]+[ \t]*){20}")
 
 Axes = tuple[float, float, float]
 Matrix = tuple[Axes, Axes, Axes]
@@ -110,8 +110,8 @@ def read_toml(path: Path) -> dict[str, Any]:
     where = str(path)
     try:
         text = read_short(path).decode("utf-8-sig")
-        if _DEEP.search(_NO_KEYS.sub("_", text)):
-            raise RecursionError
+        if _LONG_KEY.search(_NO_KEY.sub("_", text)):
+            raise RecursionError  # as tomllib does for nested brackets
         return tomllib.loads(text)
     except RecursionError:
         raise ConfigError("config.too_nested", where=where) from None

@@ -113,9 +113,8 @@ def _command(method: str, *shared: str) -> Callable[[Callable[..., None]], Calla
         parameters = dict(inspect.signature(function, eval_str=True).parameters)
         if parameters.pop("how", None):
             first, *others = (parameter.replace(kind=_KEYWORD) for parameter in parameters.values())
-            shown = [_SHARED[name] for name in (*shared, "out", "force", "as_json")]
-            ordered = [first, *shown[:-3], *others, *shown[-3:]]
-            function.__dict__["__signature__"] = inspect.Signature(ordered)
+            before, after = ([_SHARED[name] for name in names] for names in (shared, ("out", "force", "as_json")))
+            function.__dict__["__signature__"] = inspect.Signature([first, *before, *others, *after])
         name = f"calibrate/{method}"
         return app.command(method, cls=GroupedCommand, **help_of(name))(common.declared(function, name))
 

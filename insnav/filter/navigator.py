@@ -213,8 +213,8 @@ class Navigator:
         estimate = self._estimate
         self._close()
         smoothed = estimate.history.smooth(estimate.least_delay_sd) if estimate.history is not None else None
-        stated = estimate.stated(), estimate.covariance
-        return self._record.finish(self._ready, estimate.lever, estimate.delay, *stated, smoothed)
+        reported, alone = estimate.stated(), estimate.covariance  # the first with a lower limit of the delay sd
+        return self._record.finish(self._ready, estimate.lever, estimate.delay, reported, alone, smoothed)
 
     def misfit(self) -> tuple[float, float]:
         """Return mean cost and mean normalised square of the innovations so far; see `Record.misfit`."""

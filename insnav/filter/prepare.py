@@ -92,13 +92,13 @@ def prepare(
         left_out = Finding.of(Code.ALIGN_FALSE_START, usable.time[0], usable.time[false], subject="gps", count=false)
         usable, notes = usable.rows(slice(false, None)), (*notes, left_out)
 
-    def aligned(some: ImuData, here: GpsData, *, first: bool) -> tuple[Alignment, InitialState]:
-        """Align a part of the record."""
+    def aligned(samples: ImuData, part_gps: GpsData, *, first: bool) -> tuple[Alignment, InitialState]:
+        """Align a part of the record, and return also its initial state. `first`: no earlier part was aligned."""
         if start is not None and first:
             return _as_given(start, model)
-        inside = static_span is not None and some.time[0] - nominal <= static_span[0] < some.time[-1]
-        raw_fixes = fixes = _resting(some, here)
-        intervals = strapdown.intervals(_first_part(some, raw_fixes), nominal)
+        inside = static_span is not None and samples.time[0] - nominal <= static_span[0] < samples.time[-1]
+        antenna_fixes = fixes = _resting(samples, part_gps)
+        intervals = strapdown.intervals(_first_part(samples, antenna_fixes), nominal)
         for remaining in reversed(range(ROUNDS if receiver.lever_arm.value.any() else 1)):
             alignment = align(
                 intervals,
@@ -110,8 +110,8 @@ def prepare(
                 lever_sd=receiver.lever_arm.sd,
             )
             if remaining:  # in a turn, the course of the antenna differs from the course of the IMU
-                fixes = motion.at_imu(raw_fixes, intervals, alignment, receiver.lever_arm.value)
-        return alignment, _at_fix(alignment, intervals, here, model, receiver)
+                fixes = motion.at_imu(antenna_fixes, intervals, alignment, receiver.lever_arm.value)
+        return alignment, _at_fix(alignment, intervals, part_gps, model, receiver)
 
     imu, parts, of_parts = _parts(imu, usable, aligned, -np.inf if start is None else start.time)
     alignment, initial = parts[0].alignment, parts[0].initial
@@ -215,7 +215,7 @@ def _check(imu: ImuData, gps: GpsData, start: Start | None) -> None:
 
 
 def _noise_of_fixes(imu: ImuData, gps: GpsData, receiver: Receiver) -> tuple[Receiver, list[Finding]]:
-    """Estimate velocity lag and timestamp jitter of a receiver, with findings."""
+    """Set lag of velocities and jitter of IMU timestamps in a receiver if above their limits, with findings."""
     notes = []
     lag, lag_sd = velocity_lag(gps)
     if abs(lag) > max(LAG_WORTH, 5.0 * lag_sd):

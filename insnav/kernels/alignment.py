@@ -80,15 +80,15 @@ def joined(end, dt, gyro, accel, gap, instant, count, inside, out):  # type: ign
 
 @njit(cache=True)
 def window_histories(dt, dtheta, dvel, first, out):  # type: ignore[no-untyped-def]
-    """Integrate the specific force in windows of equal length, each in the axes at its start; see `gyro_history`.
+    """Integrate increments in windows of equal length, each in the axes at its start, without the Earth's rotation.
 
-    `first` (w,): first interval of each window. Filled: `out` (w, k + 1, 3), the integral from zero.
+    `dvel`: of velocity or position. `first` (w,): first interval of each window. Filled: `out` (w, k + 1, 3), from 0.
     """
-    level, attitude, earth = np.zeros(4), np.zeros((out.shape[1], 4)), np.zeros(3)
-    level[0] = 1.0
+    identity, unused, no_rotation = np.zeros(4), np.zeros((out.shape[1], 4)), np.zeros(3)
+    identity[0] = 1.0
     for w in range(first.shape[0]):
         rows = slice(first[w], first[w] + out.shape[1] - 1)
-        gyro_history(level, earth, dt[rows], dtheta[rows], dvel[rows], attitude, out[w])
+        gyro_history(identity, no_rotation, dt[rows], dtheta[rows], dvel[rows], unused, out[w])
 
 
 @njit(cache=True)

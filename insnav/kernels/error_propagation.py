@@ -29,7 +29,7 @@ def _transition(x, f_n, dt, hold, f, a):  # type: ignore[no-untyped-def]
 @inner()
 def _entering(f, dt, hold, given, out):  # type: ignore[no-untyped-def]
     """Compute the error at the end of a step by a disturbance u, integrated over the step: ``(I + F dt / 2) u``."""
-    for i in range(3):
+    for i in range(3):  # `given`: attitude, velocity, position; `out`: order of the states
         out[i], out[3 + i], out[6 + i] = given[6 + i], given[3 + i], given[i]
     for i in range(NAV):
         total = 0.0

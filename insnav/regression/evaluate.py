@@ -311,10 +311,10 @@ def _outages(material: Material) -> tuple[dict[str, FloatArray], FloatArray]:
 def _free_inertial(done: Navigated, material: Material) -> dict[str, FloatArray]:
     """Compute the horizontal error after a free-inertial minute; empty for a short drive.
 
-    If the reference lacks a part of the state, the smoothed solution is the reference.
+    If the reference lacks a part of the state, the smoothed solution replaces it; empty without one.
     """
     clock = done.run.gps_delay - material.receiver.delay.value  # solution times minus sample times [s]
-    reference, reference_clock = material.truth, 0.0
+    reference, reference_clock = material.truth, 0.0  # a whole state has sample times
     if not material.whole_state:
         if done.run.smoothed is None:
             return {}

@@ -300,7 +300,7 @@ class OnlineFilter:
         if self._nominal is not None and not first:  # only fixes after the gap
             gps = gps.rows(gps.time >= begin - self._nominal)
         start, moving = self._start if first else None, None
-        until = np.inf if self._static is None else self._static[1]
+        until = np.inf if self._static is None else self._static[1]  # time that the samples must reach
         if start is not None:
             until = start.time + COAST
         elif gps.time.size and (moving := first_motion(velocity(gps), begin)) is not None:
@@ -328,7 +328,7 @@ class OnlineFilter:
         if self._nav is None:
             filter_input = replace(ready, imu=self._nothing, output=Output(smooth=False))
             self._nav, self._axes_sd = Navigator(filter_input, record=self._record), ready.model.axes_sd
-            self._saved = [(self._nav.done, -np.inf, self._nav.saved())]
+            self._saved = [(self._nav.done, -np.inf, self._nav.saved())]  # repeats all samples since
         else:
             self._nav.restart_at(Part(self._ended, alignment, ready.initial))
             self._nav.take_fixes(self._gps)

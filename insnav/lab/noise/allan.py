@@ -430,7 +430,7 @@ def evaluated(model: NoiseModel, allan: AllanDeviation, column: int) -> NoiseMod
     `allan`: Allan deviations of the same record, at any averaging times. `column`: axis.
     """
     squares = np.array([model.coefficients[n].value ** 2 if n in model.coefficients else 0.0 for n in NAMES])
-    time = model.correlation_time
+    time = model.correlation_time  # the first five terms are random; the sixth, the rate ramp, adds no spread
     variance = basis(allan.tau, time if math.isfinite(time) else 1.0) @ squares
     spread = np.diag(covariance(allan.factors, allan.n, allan.interval, squares[:5], time, diagonal=True)).copy()
     for line in model.sinusoids:  # its uncertainty is from its amplitude
