@@ -107,6 +107,8 @@ NOT_MEASURED = frozenset({Code.GPS_FROZEN, Code.GPS_FROZEN_VELOCITY, Code.GPS_EX
 # Time-correlated errors of positions, of any origin.
 CORRELATED_POSITIONS = frozenset(
     {
+        Code.GPS_CORRELATED_REPORTED,
+        Code.GPS_CORRELATED_VELOCITY,
         Code.ESTIMATE_CORRELATED,
         Code.ESTIMATE_CORRELATED_PLAUSIBLE,
         Code.ESTIMATE_CORRELATED_USUAL,

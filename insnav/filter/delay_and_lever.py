@@ -11,7 +11,6 @@ vibration would give a lever arm wrong by metres. Vibration is therefore used on
 from __future__ import annotations
 
 from collections.abc import Callable
-from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
@@ -31,7 +30,7 @@ from insnav.filter.innovation_likelihood import HUBER
 from insnav.filter.late_fixes import BLOCKS, REACH, LateFixes
 from insnav.filter.navigate import feed
 from insnav.filter.navigator import Navigator
-from insnav.filter.noise_identification import SHORT, usual_errors
+from insnav.filter.noise_identification import SHORT, usual_time
 from insnav.filter.prepare import align_again
 from insnav.filter.receiver import Lag, Receiver
 from insnav.filter.smoother import History
@@ -120,8 +119,10 @@ def filtered(ready: FilterInput, *, starts: int | None = None) -> Filtered:
     gates = replace(ready.gates, reset_after=np.inf)
     receiver, lever_arm, lever_sd = ready.receiver, ready.receiver.lever_arm, ready.receiver.lever_arm.sd
     other_sd = float(np.hypot(OPENED * lever_sd, np.linalg.norm(lever_arm.value)))
+    correlated = receiver.correlated
+    if correlated is not None and correlated.by_reported:  # limit the correlation time
+        correlated = replace(correlated, time=min(correlated.time, usual_time()))
     wide_arm, delay = replace(lever_arm, sd=OPENED * lever_sd, shaken=other_sd), replace(receiver.delay, settled=False)
-    correlated = receiver.correlated or usual_errors(ready.gps.position_sd)
     receiver = replace(receiver, lever_arm=wide_arm, delay=delay, correlated=correlated)
     used = replace(ready.keep_history(), receiver=receiver, gates=gates)
     navigator = Navigator(used)
@@ -130,13 +131,12 @@ def filtered(ready: FilterInput, *, starts: int | None = None) -> Filtered:
         history = navigator.history()
         epochs = history.rows()
         next_start = with_surer_start(ready, history) if starts else None
-    except (DivergenceError, InputError):  # the filter diverged, perhaps to a pole
-        return Filtered(ready, used, None, 0.0, np.inf, 0.0, lever_sd, np.inf, np.inf)
-    if starts and next_start is None and ready.alignment.static is None:  # if gates reject fixes, accept them all
-        other_run = Navigator(_doubted(_believed(used)))
-        with suppress(DivergenceError, InputError):  # false fixes may make a run without gates diverge
+        if starts and next_start is None and ready.alignment.static is None:  # if gates reject fixes, accept all
+            other_run = Navigator(_doubted(_believed(used)))
             feed(other_run, ready.imu)
             next_start = with_surer_start(ready, other_run.history())
+    except (DivergenceError, InputError):  # the filter diverged, perhaps to a pole
+        return Filtered(ready, used, None, 0.0, np.inf, 0.0, lever_sd, np.inf, np.inf)
     if next_start is not None:
         return filtered(next_start, starts=starts - 1)
     (arm, vibration), (arm_cov, vibration_cov) = navigator.levers()

@@ -18,7 +18,7 @@ from insnav.earth import ned_offset
 from insnav.filter.gates import Gates, aside
 from insnav.findings import Code, Finding
 from insnav.kernels.earth import A
-from insnav.spline import Spline
+from insnav.spline import Spline, positive_parts
 from insnav.strapdown import Intervals
 from insnav.types import BoolArray, FloatArray, GpsData
 from insnav.units import DEG
@@ -287,7 +287,19 @@ def with_sd(gps: GpsData, *, scatter_alone: bool = True) -> tuple[GpsData, tuple
     return replace(gps, v_n=v_n, position_sd=position_sd, velocity_sd=velocity_sd), tuple(notes)
 
 
+LONGEST = 400.0  # longest time difference at which position errors are compared [s]
+TIMES = np.geomspace(3.0, 300.0, 25)  # tested correlation times [s]
+WORTH = 0.1  # least share of the variance with an effect on the filter [-]
+FEWEST = 100  # least number of fixes to determine a correlation time
+ROUGH = 0.05  # largest error of integrated velocity between fixes, in position sds [-]
+WHOLE = 0.7  # least share of the reported variance that counts as complete [-]
+WORTH_REPORTED = 0.3  # least missing share of the reported variance that counts as time-correlated [-]
+MISFIT = 1.3  # largest misfit, relative to white errors alone, to accept the reported variance as true [-]
+SHORTEST_REPORTED = 10.0  # shortest correlation time of a missing part: a shorter one would be visible [s]
+TOO_MUCH = 3.0  # largest ratio of apparent to reported variance: a larger one has other causes [-]
 LARGEST_SHARE = 0.95  # largest time-correlated share: part of the error is always white [-]
+BETTER = 0.8  # largest misfit with a correlated part, relative to white errors alone, to accept that part [-]
+CHI2_MEDIAN = 0.4549  # median of chi-square with one degree of freedom
 
 
 @dataclass(frozen=True, slots=True)
@@ -297,13 +309,14 @@ class CorrelatedNoise:
     share: float  # time-correlated share of the position variance [-]
     time: float  # correlation time of the position error [s]
     sd: FloatArray  # (3,) standard deviation of the time-correlated position error, North, East, Down [m]
+    by_reported: bool = False  # inferred only from scatter smaller than the reported variance
     velocity_sd: FloatArray | None = None  # (3,) sd of the time-correlated velocity error [m/s]; None without
     velocity_time: float = np.inf  # correlation time of the velocity error [s]
 
     @classmethod
-    def of_fixes(cls, share: float, time: float, position_sd: FloatArray) -> Self:
+    def of_fixes(cls, share: float, time: float, position_sd: FloatArray, *, by_reported: bool = False) -> Self:
         """Build the noise from its share [-], its correlation time [s], and position sds (n, 3) [m]."""
-        return cls(share, time, np.sqrt(share) * np.median(position_sd, axis=0))
+        return cls(share, time, np.sqrt(share) * np.median(position_sd, axis=0), by_reported)
 
     @property
     def sds(self) -> FloatArray:
@@ -339,3 +352,88 @@ class Rough:
         if now < self.end:
             sds[:3] = np.hypot(sds[:3], self.sd)
         return times, sds
+
+
+def correlated_noise(gps: GpsData, lag: float, *, reported: bool = True) -> CorrelatedNoise | None:
+    """Estimate the time-correlated part of the position error.
+
+    Position change minus integrated velocity over m fixes is the difference of two position errors plus the sum of m
+    velocity errors. Half its variance grows from the white part at small m to the whole variance at large m. Velocity
+    noise adds a part in proportion to m. A non-negative fit separates the three parts.
+
+    `lag`: lag of velocities behind positions [s]. `reported`: use the receiver's own standard deviations where a drive
+    is too short to show the whole error.
+    Returns: None without velocities, with too few fixes, or with white errors only.
+    """
+    good = np.isfinite(gps.v_n).all(axis=1) & np.isfinite(gps.position_sd).all(axis=1)
+    if good.sum() < FEWEST:
+        return None
+    t, sd = gps.time[good], gps.position_sd[good]
+    step = np.diff(t)
+    interval = float(np.median(step))
+    gap = step > 1.5 * interval
+    lla, v = gps.lla[good], gps.v_n[good][:, :2]
+    moved = ned_offset(lla[1:], lla[:-1])[:, :2]
+    integrated = np.diff(Spline(t, v).integral(t + lag), axis=0)
+    # error of the integral: a sixteenth of its change with every other velocity, as the spline is of fourth order
+    halved = np.diff(Spline(t[::2], v[::2]).integral(t + lag), axis=0)
+    even = ~np.logical_or(gap[0:-1:2], gap[1::2])
+    error_of_integral = (halved - integrated)[: 2 * even.shape[0]].reshape(-1, 2, 2).sum(axis=1)[even] / 16.0
+    if error_of_integral.size == 0 or np.sqrt(np.mean(error_of_integral**2)) > ROUGH * float(np.median(sd[:, :2])):
+        return None  # the velocities are too sparse for an accurate integral
+    # position error minus the sum of velocity errors
+    error = np.vstack([np.zeros(2), np.cumsum(moved - integrated, axis=0)])
+    stretch = np.concatenate([[0], np.cumsum(gap)])
+    largest_lag = min(LONGEST / interval, t.shape[0] / 4)
+    lags = np.unique(np.geomspace(1, max(largest_lag, 2), 30).astype(int))
+    variance, weight = [], []
+    for m in lags:  # half the variance of differences over m fixes, relative to the reported variance
+        same_stretch = stretch[m:] == stretch[:-m]
+        if same_stretch.sum() < 20:
+            continue
+        difference = (error[m:] - error[:-m])[same_stretch] / sd[:, :2][m:][same_stretch]
+        # robust variance: median of the squares over the median of chi-square with one degree of freedom
+        variance.append(0.5 * float(np.median(difference * difference)) / CHI2_MEDIAN)
+        weight.append(np.sqrt(same_stretch.sum() / m))
+    if len(variance) < 8:
+        return None
+    x, y = lags[: len(variance)] * interval, np.array(variance)
+    scale = np.array(weight) / (y + 0.05)
+    ones = np.ones_like(x)
+    white_only = positive_parts(np.column_stack([ones, x]) * scale[:, None], y * scale)[1]
+    fits = [_fit(x, y, scale, float(each)) for each in TIMES]
+    misfit, time, (white, correlated, _) = min(fits, key=lambda found: found[0])
+    total = white + correlated
+    # accept the correlated part if it fits better, the total agrees with the reported sd, and the record is long enough
+    visible = TIMES[0] < time <= x[-1] / 5.0 and WHOLE < total <= TOO_MUCH
+    by_reported = not (visible and misfit <= BETTER * white_only and correlated >= max(0.05, WORTH * total))
+    if by_reported:
+        share, time = _by_reported(x, y, scale, white_only) if reported else (0.0, 0.0)
+        if share < WORTH_REPORTED:
+            return None
+    else:
+        share = correlated / total
+    share = min(float(share), LARGEST_SHARE)
+    return CorrelatedNoise.of_fixes(share, time, sd, by_reported=by_reported)
+
+
+def _fit(x: FloatArray, y: FloatArray, scale: FloatArray, time: float) -> tuple[float, float, FloatArray]:
+    """Fit white, time-correlated and linear (velocity noise) parts; return misfit, correlation time and parts."""
+    terms = np.column_stack([np.ones_like(x), 1.0 - np.exp(-x / time), x])
+    parts, misfit = positive_parts(terms * scale[:, None], y * scale)
+    return misfit, time, parts
+
+
+def _by_reported(x: FloatArray, y: FloatArray, scale: FloatArray, white_only: float) -> tuple[float, float]:
+    """Estimate share and correlation time of position errors under the assumption that the reported variance is true.
+
+    A drive shorter than the correlation time shows the white part only. If successive fixes scatter less than reported,
+    they either share an error or are better than reported. This function assumes a shared error, unless white errors of
+    another size fit much better. A long record shows, for example, that errors do not grow further.
+    """
+    best = np.inf, 0.0, 0.0
+    for time in TIMES[TIMES >= SHORTEST_REPORTED]:
+        fading = np.exp(-x / time)  # model: white + (1 - white) (1 - fading) + slope x
+        (white, _), misfit = positive_parts(np.column_stack([fading, x]) * scale[:, None], (y - 1.0 + fading) * scale)
+        best = min(best, (misfit, 1.0 - float(white), float(time)))
+    return (best[1], best[2]) if best[0] <= MISFIT * white_only else (0.0, 0.0)

@@ -37,7 +37,7 @@ STEP = 0.01  # step of numerical derivatives, in logarithms
 DIGITS = 6  # decimals of the logarithms: far coarser than rounding errors, so that these have no effect
 LARGEST_STEP = 1.5  # largest step of one iteration, in logarithms
 ENOUGH = 0.02  # a smaller expected gain of the log-likelihood ends the search: 0.2 sd of a parameter
-NEAR = 3.0  # a smaller expected gain of the log-likelihood ends the first search
+NEAR = 3.0  # a smaller expected gain ends the first search
 BEYOND = 1.0  # change of one parameter in the search for a higher maximum, in logarithms: a factor of e
 FAR = 5.0  # after a larger gain, the same derivatives serve another step
 OBSERVABLE = 0.8  # a parameter is observable if its interval is at most this part of its prior interval [-]
@@ -450,20 +450,20 @@ def with_rest(ready: FilterInput, found: NoiseEstimate | None, assumed: ImuSpec)
     return replace(ready, starts=tuple(starts)).scale_sds(ready.model, np.ones(3), np.ones(3))
 
 
+def usual_time() -> float:
+    """Return the mean of the prior for the correlation time of position errors [s]."""
+    middle, sd = likelihood.CORRELATION_TIME
+    return float(np.exp(middle + AVERAGED["gps.correlation_time"] * sd**2))
+
+
 def with_usual_noise(ready: FilterInput) -> tuple[FilterInput, tuple[Finding, ...]]:
     """Apply typical time-correlated position errors, for a drive that does not determine them."""
     if ready.receiver.correlated is not None:
         return ready, ()
-    usual = usual_errors(ready.gps.position_sd)
-    note = Finding.of(Code.ESTIMATE_CORRELATED_USUAL, share=usual.share, time_s=usual.time)
-    return ready.replace_correlated(usual), (note,)
-
-
-def usual_errors(position_sd: FloatArray) -> CorrelatedNoise:
-    """Return the time-correlated errors of the prior, for position standard deviations (n, 3) [m]."""
-    middle, sd = likelihood.CORRELATION_TIME
-    time = float(np.exp(middle + AVERAGED["gps.correlation_time"] * sd**2))
-    return CorrelatedNoise.of_fixes(1.0 / (1.0 + np.exp(-likelihood.SHARE[0])), time, position_sd)
+    time, share = usual_time(), 1.0 / (1.0 + np.exp(-likelihood.SHARE[0]))
+    noise = CorrelatedNoise.of_fixes(share, time, ready.gps.position_sd)
+    note = Finding.of(Code.ESTIMATE_CORRELATED_USUAL, share=share, time_s=time)
+    return ready.replace_correlated(noise), (note,)
 
 
 def with_known_noise(
@@ -474,6 +474,7 @@ def with_known_noise(
     `lasting`: estimate also the time-correlated errors of positions. `sizes`: estimate also the standard deviations of
     positions, if these are only assumed.
     """
+    lasting &= sizes or ready.receiver.correlated is None
     needed = lasting or ready.model.axes_sd.any()
     likelihood_and_values = known_likelihood(ready.beginning(ENOUGH_FOR_AXES), spec) if needed else None
     if likelihood_and_values is None:

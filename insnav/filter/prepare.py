@@ -18,7 +18,7 @@ from insnav.exceptions import AlignmentError, InputError
 from insnav.filter.error_model import ErrorModel, InitialState, Part, error_model, initial_state
 from insnav.filter.filter_input import LONGEST_REST, FilterInput
 from insnav.filter.gates import Gates, pass_quality, without_frozen
-from insnav.filter.gps_noise import LAG_WORTH, name_lag, velocity_lag, with_sd
+from insnav.filter.gps_noise import LAG_WORTH, correlated_noise, name_lag, velocity_lag, with_sd
 from insnav.filter.receiver import Lag, Receiver
 from insnav.findings import Code, Finding
 from insnav.imu.health import inspect
@@ -82,9 +82,10 @@ def prepare(
     start, static_span = known.state, known.static_span
     imu, faults = inspect(imu)
     _check(imu, gps, start)
+    reported = bool(np.isfinite(gps.position_sd).all())
     gps, notes = with_sd(gps)
     gps, frozen = without_frozen(gps, imu)
-    receiver, findings = (receiver, []) if as_given else _noise_of_fixes(imu, gps, receiver)
+    receiver, findings = (receiver, []) if as_given else _noise_of_fixes(imu, gps, receiver, reported=reported)
     model = error_model(spec, states)
     nominal = nominal or strapdown.nominal_interval(imu.time)
     usable = good_fixes(replace(gps, time=gps.time - receiver.delay.value)) if start is None else gps
@@ -214,13 +215,20 @@ def _check(imu: ImuData, gps: GpsData, start: Start | None) -> None:
         raise InputError("align.start_outside", start_s=start.time, samples_s=samples_s, parts=len(spans(imu)))
 
 
-def _noise_of_fixes(imu: ImuData, gps: GpsData, receiver: Receiver) -> tuple[Receiver, list[Finding]]:
-    """Set lag of velocities and jitter of IMU timestamps in a receiver if above their limits, with findings."""
+def _noise_of_fixes(
+    imu: ImuData, gps: GpsData, receiver: Receiver, *, reported: bool
+) -> tuple[Receiver, list[Finding]]:
+    """Estimate velocity lag, time-correlated errors and timestamp jitter of a receiver, with findings."""
     notes = []
     lag, lag_sd = velocity_lag(gps)
     if abs(lag) > max(LAG_WORTH, 5.0 * lag_sd):
         receiver = replace(receiver, lag=Lag(lag))
         notes.append(name_lag(lag, lag_sd))
+    correlated = correlated_noise(gps, receiver.lag.value, reported=reported)
+    if correlated is not None:
+        receiver = replace(receiver, correlated=correlated)
+        code = Code.GPS_CORRELATED_REPORTED if correlated.by_reported else Code.GPS_CORRELATED_VELOCITY
+        notes.append(Finding.of(code, share=correlated.share, time_s=correlated.time))
     step = np.diff(imu.time[: 1 << 16])
     jitter = float(np.std(step[step < strapdown.GAP * np.median(step)]))
     if jitter > JITTER_WORTH:
