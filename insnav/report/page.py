@@ -6,6 +6,7 @@ text, `insnav.report.html` a web page, `insnav.report.save` JSON.
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
@@ -27,6 +28,7 @@ if TYPE_CHECKING:
 else:
     DataFrame = Figure = Any  # matplotlib and pandas are slow to import: only functions that need them do so
 
+REPEATED = 20  # largest number of listed notes, or assumptions, with one title
 Show = Literal["all", "page", "json"]
 Light = Literal["good", "attention", "bad", "unknown"]
 # labels of statistics in tables, for a `Quantity` with several values; by their names in JSON
@@ -169,7 +171,13 @@ class Page:
         return self._texts(Severity.NOTE)
 
     def _texts(self, severity: Severity) -> tuple[str, ...]:
-        return tuple(sentence(each, at=self.at) for each in self.findings if each.severity is severity)
+        count, texts = Counter[str](), list[str]()
+        for finding in (each for each in self.findings if each.severity is severity):
+            count[title := render(finding).title] += 1
+            if count[title] <= REPEATED:
+                texts.append(sentence(finding, at=self.at))
+        further = ((title, total - REPEATED) for title, total in count.items() if total > REPEATED)
+        return (*texts, *(phrase("page.more_warnings", title=title, count=more) for title, more in further))
 
     @property
     def lists(self) -> tuple[tuple[str, tuple[str, ...]], ...]:

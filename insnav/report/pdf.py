@@ -89,6 +89,5 @@ def _figures(sheet: Figure, figures: Sequence[FigureSpec], top: float) -> None:
 def _image(figure: FigureSpec) -> np.ndarray:
     drawn = figure.draw()
     drawn.set_dpi(_DPI)
-    canvas = FigureCanvasAgg(drawn)
-    image, (width, height) = canvas.print_to_buffer()  # type: ignore[no-untyped-call]
+    image, (width, height) = FigureCanvasAgg(drawn).print_to_buffer()  # type: ignore[no-untyped-call]
     return np.frombuffer(image, np.uint8).reshape(height, width, 4)[:, :, :3]

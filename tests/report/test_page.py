@@ -15,7 +15,7 @@ from insnav.messages import phrase, render, sentence
 from insnav.output.folder import RunFolder
 from insnav.quantity import Quantity
 from insnav.report.figures import blank
-from insnav.report.page import FigureSpec, Page, Section, Verdict, section_tables
+from insnav.report.page import REPEATED, FigureSpec, Page, Section, Verdict, section_tables
 from insnav.report.save import write_page
 from insnav.report.terminal import brief_text, hanging, page_text, table_text
 from tests.report.conftest import stored
@@ -87,6 +87,14 @@ def test_a_short_report_has_whole_lines_and_counts_the_rows_left(width: int, war
     assert brief_text(replace(page, sections=(replace(table, rows=rows[:2]),)), width).splitlines()[-1] == (
         "  largest first"
     )
+
+
+def test_notes_of_one_title_are_listed_up_to_a_number_and_then_counted() -> None:
+    code = Code.DEWEIGHTED_POSITION
+    notes = tuple(Finding.of(code, float(i), nis=9.0, limit_nis=5.0) for i in range(500))
+    page = replace(a_page(), findings=(*notes, Finding.of(Code.ALIGN_HEADING_GIVEN, 1.0, sd_rad=0.1)))
+    assert len(page.notes) == REPEATED + 2
+    assert page.notes[-1] == phrase("page.more_warnings", title=render(notes[0]).title, count=500 - REPEATED)
 
 
 def test_terminal_gets_no_escape_codes() -> None:

@@ -335,7 +335,7 @@ def estimates_section(budget: Budget) -> Section:
         nees = f"{budget.simulated.nees[budget.chosen[-1]]:.3g} (1 if the covariance is true)"
         note += f"{budget.simulated.runs} simulated runs: mean normalised squared error {nees}"
     note += "; not recorded: give a drive with --gps" * (budget.recorded is None)
-    return Section("", "Horizontal error by four methods", rows=tuple(rows), note=note)
+    return Section("", "Horizontal error by method", rows=tuple(rows), note=note)
 
 
 def merits(budget: Budget, windows: RecordedBudget | None) -> tuple[Quantity, ...]:

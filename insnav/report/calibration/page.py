@@ -153,8 +153,7 @@ def _poses(found: PosesCalibration) -> Section:
 def _turns(found: SixPositions) -> Section:
     scale = np.diag(found.gyro.matrix)
     table = "calibration.turn_in_counts" if found.counts else "calibration.turn"
-    rows = of_columns(table, turn=TURNS, before=found.turned, after=found.turned / scale)
-    return of_section(table, rows)
+    return of_section(table, of_columns(table, turn=TURNS, before=found.turned, after=found.turned / scale))
 
 
 def _positions(found: SixPositions) -> Section:

@@ -71,8 +71,7 @@ def certificate_markdown(certificate: Certificate) -> str:
     for check in certificate.checks:
         errors = {name: cell(_error(check, name, value)) for name, value in check.values}
         limit = f"{check.limit:g}{'' if check.unit == '1' else f' {check.unit}'}"
-        first = errors[check.values[0][0]]
-        rows.append((check.name, limit, first, *(errors.get(name, "") for name in others)))
+        rows.append((check.name, limit, errors[check.values[0][0]], *(errors.get(name, "") for name in others)))
     lines = [f"| {' | '.join(row)} |" for row in rows]
     return "\n".join([lines[0], f"|---|{'--:|' * (len(rows[0]) - 1)}", *lines[1:]])
 

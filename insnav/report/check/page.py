@@ -21,7 +21,7 @@ from insnav.result import Result
 from insnav.session.check import Checked
 from insnav.steps.one_clock import SIGMAS
 
-_TO_MEND = 3  # largest number of problems listed at the end of the text
+_TO_MEND = 3  # largest number of problems listed at the end of the brief text
 
 _BODY = "x, y, z: forward, right, down"
 
@@ -82,7 +82,7 @@ def _run_line(found: Checked, before: str) -> str:
 def text(result: Result[Checked], width: int | None = None, *, brief: bool = False) -> str:
     """Write the report for the terminal, with problems and run command last. `brief`: only about 15 lines."""
     laid_out, at = result.page(), _from_start(result)
-    first = enumerate(_to_mend(result.found)[:_TO_MEND], 1)
+    first = enumerate(_to_mend(result.found)[: _TO_MEND if brief else None], 1)
     problems = [phrase("terminal.line", name=translated(f"mend {i}"), text=sentence(each, at=at)) for i, each in first]
     problems = problems or [translated("no problem found")]
     listed = {*result.found.problems, *(each for each in result.findings if each.timed)}

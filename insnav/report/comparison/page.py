@@ -108,8 +108,7 @@ def _row(of: Compared) -> tuple[Quantity, ...]:
     row = [Quantity("run", Name(of.run)), Quantity("solution", of.solution)]
     for key, heading, unit, quantity, statistic in _COLUMNS:
         if errors.get(quantity) is not None:
-            factor = UNITS[unit][1]
-            row.append(Quantity(key, errors[quantity][statistic] * factor, unit, meaning=heading))
+            row.append(Quantity(key, errors[quantity][statistic] * UNITS[unit][1], unit, meaning=heading))
     inside = None if position is None else position["inside_3_sd"]
     return (*row, Quantity("inside_3_sd", inside, "%", meaning="in 3 sd"))
 

@@ -54,8 +54,7 @@ def page(result: Result[RequirementStudy]) -> Page:
 def frame(result: Result[RequirementStudy]) -> DataFrame:
     """Build a table of the real IMUs in the study; without real IMUs, of the allowed size of each error."""
     study = result.found
-    parts = tuple(_part(study, each) for each in study.candidates)
-    return rows_frame(parts or _rows(study))
+    return rows_frame(tuple(_part(study, each) for each in study.candidates) or _rows(study))
 
 
 def _met(study: RequirementStudy, kind: str, *answers: str) -> list[str]:

@@ -143,15 +143,13 @@ def run_merits(found: EvaluatedRun, mode: str) -> tuple[Quantity, ...]:
     errors, sd = found.known_errors.get(mode), found.solutions[mode].sd
     if errors is not None:
         every_error = np.hstack((errors.position, errors.velocity, errors.attitude))
-        share_inside = inside(errors)
-        inside_3_sd = Quantity("inside_3_sd", share_inside, "%", meaning=phrase("run.inside_3_sd"))
+        inside_3_sd = Quantity("inside_3_sd", inside(errors), "%", meaning=phrase("run.inside_3_sd"))
         if errors.sd is None:
             return *_sizes(every_error, "error"), inside_3_sd
         stated = Quantity("horizontal_sd", rms_length(errors.sd[:, :2]), "m", meaning=phrase("run.stated_sd"))
         return *_sizes(every_error, "error"), stated, inside_3_sd
     assert sd is not None
-    consistency = Quantity("nis_mean_per_axis", mean_nis(found.run), meaning=phrase("run.nis"))
-    return *_sizes(sd, "sd"), consistency
+    return *_sizes(sd, "sd"), Quantity("nis_mean_per_axis", mean_nis(found.run), meaning=phrase("run.nis"))
 
 
 def _sizes(values: FloatArray, what: str) -> list[Quantity]:

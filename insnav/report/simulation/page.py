@@ -178,8 +178,7 @@ def _sketch(profile: MotionProfile) -> Section:
     time, motion = seen(profile.truth(0))
     track = drawn(profile.name, profile.purpose, (simulated_track(time, motion, f"track_{profile.name}"),))
     both = (*track.panels, sketch_panel(time, motion, profile.name))
-    title = f"{profile.name}: {profile.purpose}"
-    return replace(track, title=title, panels=both, columns=2, show="page")
+    return replace(track, title=f"{profile.name}: {profile.purpose}", panels=both, columns=2, show="page")
 
 
 def seen(truth: Truth) -> tuple[FloatArray, Kinematics]:
