@@ -276,8 +276,7 @@ def course_heading(
     imu = np.diff(track.integral(t[::step])[:, :2], axis=0)
     strength = float(np.sum(imu**2))
     rotation = np.arctan2(
-        np.sum(imu[:, 0] * gps[:, 1] - imu[:, 1] * gps[:, 0]),
-        np.sum(imu[:, 0] * gps[:, 0] + imu[:, 1] * gps[:, 1]),
+        np.sum(imu[:, 0] * gps[:, 1] - imu[:, 1] * gps[:, 0]), np.sum(imu[:, 0] * gps[:, 0] + imu[:, 1] * gps[:, 1])
     )
     level_error = 9.8 * tilt * (t[-1] - t[0]) / np.sqrt(max(gps.shape[0], 1))
     felt_sd = float(np.sqrt((2.0 * np.median(sd) ** 2 + level_error**2) / max(strength, 1e-12)))
